@@ -15,12 +15,12 @@ sensor's own frame where a mount rotates it against the body.
 - ``f`` is specific force: what an accelerometer measures, +9.81 on z at rest. ``w`` is the angular
   rate of ``b`` against ``n``, expressed in ``b``.
 - Attitude errors are right perturbations: ``R_true = R_est @ exp(theta)``, ``theta`` in ``b``.
-- ``x``, ``P``, ``F``, ``H``, ``Q``, ``R``, ``K``, ``S``, ``nu`` are what textbooks call them: state,
-  covariance, transition, measurement Jacobian, process noise, measurement noise, gain, innovation
-  covariance, innovation. NIS is ``nu' S^-1 nu``; NEES is ``e' P^-1 e``.
+- ``x``, ``P``, ``F``, ``H``, ``Q``, ``R``, ``K``, ``S``, ``nu`` are what textbooks call them:
+  state, covariance, transition, measurement Jacobian, process noise, measurement noise, gain,
+  innovation covariance, innovation. NIS is ``nu' S^-1 nu``; NEES is ``e' P^-1 e``.
 - Chainage ``s`` is the arc length along the line, zero at its first row.
-- Euler angles are intrinsic ZYX (yaw, pitch, roll), ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``; with z up
-  and x forward a climb has *negative* pitch.
+- Euler angles are intrinsic ZYX (yaw, pitch, roll), ``R_nb = Rz(yaw) Ry(pitch) Rx(roll)``; with z
+  up and x forward a climb has *negative* pitch.
 
 Time is the header stamp, in seconds of the recording's clock.
 

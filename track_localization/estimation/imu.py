@@ -37,7 +37,7 @@ class ImuSeries:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def __getitem__(self, index: slice | Array) -> ImuSeries:
+    def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.int64]) -> ImuSeries:
         return ImuSeries(self.time_s[index], self.specific_force[index], self.angular_rate[index])
 
     def sample(self, i: int) -> ImuSample:

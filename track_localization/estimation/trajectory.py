@@ -42,10 +42,11 @@ class Trajectory:
 
     def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Trajectory:
         parts = {
-            f.name: None if getattr(self, f.name) is None else getattr(self, f.name)[index]
+            f.name: getattr(self, f.name)[index]
             for f in dataclasses.fields(self)
+            if getattr(self, f.name) is not None
         }
-        return Trajectory(**parts)
+        return dataclasses.replace(self, **parts)
 
     def position_at(self, time_s: Array) -> Array:
         """Return positions (M, 3) interpolated linearly; NaN outside the recorded span."""

@@ -1,0 +1,44 @@
+"""The match as a position observation with a long thin covariance along the track (eq. 21)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class MatchObservation:
+    """
+    Where the matcher says that the seat was at ``time_s``.
+
+    Attributes:
+        time_s: stamp of the measured sample that was matched [s]; it lies in the past.
+        position: (3,) on the design line, in ``map`` [m].
+        quaternion: (4,) x, y, z, w: design attitude there, body to map.
+        covariance: (3, 3) of the position [m^2]; its long axis is the track's tangent.
+        chainage: along the track [m]; NaN where the source did not say.
+    """
+
+    time_s: float
+    position: Array
+    quaternion: Array
+    covariance: Array
+    chainage: float = float('nan')
+
+
+def observation_covariance(
+    R_nb: Array, lambda_x: float | Array, lambda_y: float | Array, lambda_z: float | Array
+) -> Array:
+    """
+    Return V = R diag(lx, ly, lz) R' (paper 1, eq. 21), shape (..., 3, 3) [m^2].
+
+    ``R_nb`` (..., 3, 3) holds the vehicle's forward, left and up axes in ``map`` as columns; the
+    lambdas are variances along them.
+    """
+    lambdas = np.stack(np.broadcast_arrays(lambda_x, lambda_y, lambda_z), axis=-1)
+    V: Array = (R_nb * lambdas[..., None, :]) @ np.swapaxes(R_nb, -1, -2)
+    return V
