@@ -34,7 +34,7 @@ def log(R: Array) -> Array:
 
 
 def hat(v: Array) -> Array:
-    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a x b."""
+    """Return the matrices (..., 3, 3) for which ``hat(a) @ b`` is the cross product a x b."""
     v = np.asarray(v, dtype=float)
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]

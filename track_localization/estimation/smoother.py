@@ -1,0 +1,73 @@
+"""
+Rauch-Tung-Striebel smoothing over the steps of any error-state filter.
+
+The forward pass gives, per step, the state after its updates; the backward pass needs the
+prediction from it to the next step. Nominal states are compared and corrected by the filter's own
+``box_minus`` and ``box_plus``, so the smoother knows nothing of what the numbers mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Step(NamedTuple):
+    """
+    One prediction of the forward pass.
+
+    Attributes:
+        x_pred: nominal state predicted for the next epoch, before its updates.
+        P_pred: (n, n) its covariance.
+        F: (n, n) error transition that led to it.
+    """
+
+    x_pred: Array
+    P_pred: Array
+    F: Array
+
+
+def rts_smooth(
+    x: Sequence[Array],
+    P: Sequence[Array],
+    step: Callable[[int], Step],
+    box_minus: Callable[[Array, Array], Array],
+    box_plus: Callable[[Array, Array], Array],
+) -> tuple[list[Array], list[Array]]:
+    """
+    Return smoothed nominal states and covariances at every epoch.
+
+    ``x[k]``, ``P[k]`` are the filter's after epoch k; ``step(k)`` gives the prediction from epoch k
+    to k + 1 (recomputed on demand: it is cheaper to repeat than to keep).
+    """
+    n = len(x)
+    x_s, P_s = list(x), list(P)
+    for k in range(n - 2, -1, -1):
+        x_pred, P_pred, F = step(k)
+        error = box_minus(x_s[k + 1], x_pred)
+        correction, P_s[k] = _backward(P[k], P_pred, F, P_s[k + 1], error)
+        x_s[k] = box_plus(x[k], correction)
+    return x_s, P_s
+
+
+@numba.njit(cache=True)
+def _backward(
+    P: Array, P_pred: Array, F: Array, P_next: Array, error: Array
+) -> tuple[Array, Array]:
+    # Scaled by its diagonal, P_pred is well conditioned whatever the units of its states.
+    d = 1.0 / np.sqrt(np.diag(P_pred))
+    scaled = P_pred * np.outer(d, d)
+    FP = F @ P
+    for i in range(len(d)):
+        FP[i] *= d[i]
+    G = np.ascontiguousarray(np.linalg.solve(scaled, FP).T)
+    for i in range(len(d)):
+        G[:, i] *= d[i]
+    P_new = P + G @ (P_next - P_pred) @ np.ascontiguousarray(G.T)
+    return G @ error, 0.5 * (P_new + P_new.T)
