@@ -1,0 +1,206 @@
+"""
+Between ROS 2 messages of a bag and arrays: stamps, Imu, Odometry, PoseWithCovarianceStamped.
+
+The messages are those of rosbags' Jazzy type store; nothing here needs a ROS installation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from track_localization.errors import DataError
+from track_localization.estimation.imu import ImuSeries
+from track_localization.estimation.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+IMU = 'sensor_msgs/msg/Imu'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+
+NANO = 10**9
+LATEST_NS = 2**31 * NANO  # a Time message counts its seconds in 32 signed bits
+
+
+def make(msgtype: str, **fields: Any) -> Any:
+    """Return a message of a Jazzy type, e.g. ``make('std_msgs/msg/String', data='x')``."""
+    return TYPESTORE.types[msgtype](**fields)
+
+
+def stamp_ns(time_s: float) -> int:
+    """Return a stamp [ns]; raise DataError for one that a Time message cannot hold."""
+    if not 0.0 <= time_s < LATEST_NS / NANO:
+        raise DataError(
+            f'stamp {time_s} s cannot be written: stamps run from 0 to 2**31 s; shift the times'
+        )
+    return round(time_s * NANO)
+
+
+def header_ns(message: Any) -> int:
+    """Return a message's header stamp [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NANO + int(stamp.nanosec)
+
+
+def header(time_ns: int, frame_id: str) -> Any:
+    """Return a std_msgs/Header with this stamp [ns]."""
+    sec, nanosec = divmod(time_ns, NANO)
+    stamp = make('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
+    return make('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
+
+
+def imu_row(message: Any) -> tuple[float, ...]:
+    """
+    Return specific force [m/s^2] and angular rate [rad/s], six numbers.
+
+    NaN for a quantity whose covariance starts with -1: sensor_msgs/Imu's way to say "not measured".
+    """
+    force, rate = message.linear_acceleration, message.angular_velocity
+    f = (force.x, force.y, force.z)
+    w = (rate.x, rate.y, rate.z)
+    if message.linear_acceleration_covariance[0] == -1.0:
+        f = (np.nan,) * 3
+    if message.angular_velocity_covariance[0] == -1.0:
+        w = (np.nan,) * 3
+    return (*f, *w)
+
+
+def imu_message(series: ImuSeries, i: int, frame_id: str) -> Any:
+    """Return sample ``i`` as sensor_msgs/Imu, without orientation."""
+    unknown = np.zeros(9)
+    absent = np.array([-1.0, *[0.0] * 8])
+    force, rate = series.specific_force[i], series.angular_rate[i]
+    return make(
+        IMU,
+        header=header(stamp_ns(float(series.time_s[i])), frame_id),
+        orientation=_quaternion(None),
+        orientation_covariance=absent,
+        angular_velocity=_vector(np.nan_to_num(rate)),
+        angular_velocity_covariance=unknown if np.isfinite(rate).all() else absent,
+        linear_acceleration=_vector(np.nan_to_num(force)),
+        linear_acceleration_covariance=unknown if np.isfinite(force).all() else absent,
+    )
+
+
+def odometry_message(trajectory: Trajectory, i: int, frame_id: str, child: str) -> Any:
+    """
+    Return epoch ``i`` as nav_msgs/Odometry; the twist is in the body's axes.
+
+    Without a quaternion the body's axes are those of ``map``. Unknown covariances are zero.
+    """
+    quaternion = None if trajectory.quaternion is None else trajectory.quaternion[i]
+    velocity, twist_covariance = np.zeros(3), np.zeros(36)
+    if trajectory.velocity is not None:
+        velocity = trajectory.velocity[i]
+        if quaternion is not None:
+            velocity = Rotation.from_quat(quaternion).apply(velocity, inverse=True)
+    if trajectory.sigma_speed is not None:
+        twist_covariance[0] = trajectory.sigma_speed[i] ** 2
+    twist = make('geometry_msgs/msg/Twist', linear=_vector(velocity), angular=_vector(np.zeros(3)))
+    covariance = None if trajectory.covariance is None else trajectory.covariance[i]
+    return make(
+        ODOMETRY,
+        header=header(stamp_ns(float(trajectory.time_s[i])), frame_id),
+        child_frame_id=child,
+        pose=_pose(trajectory.position[i], quaternion, covariance),
+        twist=make(
+            'geometry_msgs/msg/TwistWithCovariance', twist=twist, covariance=twist_covariance
+        ),
+    )
+
+
+def pose_message(
+    time_s: float,
+    position: Array,
+    covariance: Array | None,
+    quaternion: Array | None,
+    frame_id: str,
+) -> Any:
+    """Return a geometry_msgs/PoseWithCovarianceStamped; ``covariance`` (3, 3) is the position's."""
+    pose = _pose(position, quaternion, covariance)
+    return make(POSE, header=header(stamp_ns(time_s), frame_id), pose=pose)
+
+
+def odometry_row(message: Any) -> tuple[float, ...]:
+    """
+    Return position (3), quaternion (4), body-frame velocity (3), position covariance (9), var(vx).
+
+    Twenty numbers in the message's own frames, to be taken apart by ``trajectory_from_rows``.
+    """
+    pose, twist = message.pose.pose, message.twist.twist
+    p, q, v = pose.position, pose.orientation, twist.linear
+    block = message.pose.covariance.reshape(6, 6)[:3, :3]
+    return (
+        *(p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z),
+        *block.ravel(),
+        float(message.twist.covariance[0]),
+    )
+
+
+def trajectory_from_rows(time_s: Array, rows: Array) -> tuple[Trajectory, dict[str, int]]:
+    """
+    Return the trajectory of (N, 20) ``odometry_row`` rows, and what was rejected, by reason.
+
+    Orientation and velocity in ``map`` are None where every quaternion is zero ("not known");
+    covariances that are all zero mean "not known" too. Otherwise rows with a zero quaternion are
+    dropped (``zero_quaternion``), as are those with a NaN (``not_finite``) and those not later
+    than the row before (``repeated_time``, ``backward_time``).
+    """
+    finite = np.isfinite(time_s) & np.isfinite(rows[:, :10]).all(axis=1)
+    norm = np.linalg.norm(rows[:, 3:7], axis=1)
+    oriented = norm > 0.5
+    use = finite & oriented if oriented.any() else finite
+    latest = np.maximum.accumulate(np.concatenate([[-np.inf], np.where(use, time_s, -np.inf)]))[:-1]
+    repeated, backward = use & (time_s == latest), use & (time_s < latest)
+    counts = {
+        'not_finite': int((~finite).sum()),
+        'zero_quaternion': int((finite & ~use).sum()),
+        'repeated_time': int(repeated.sum()),
+        'backward_time': int(backward.sum()),
+    }
+    keep = use & ~repeated & ~backward
+    time_s, rows, norm = time_s[keep], rows[keep], norm[keep]
+    quaternion = velocity = None
+    if oriented.any() and len(rows):
+        quaternion = rows[:, 3:7] / norm[:, None]
+        velocity = Rotation.from_quat(quaternion).apply(rows[:, 7:10])
+    covariance = rows[:, 10:19].reshape(-1, 3, 3)
+    trajectory = Trajectory(
+        time_s,
+        position=rows[:, :3],
+        quaternion=quaternion,
+        velocity=velocity,
+        speed=np.linalg.norm(rows[:, 7:10], axis=1),
+        covariance=covariance if (covariance != 0.0).any() else None,
+        sigma_speed=np.sqrt(np.maximum(rows[:, 19], 0.0)) if (rows[:, 19] > 0.0).any() else None,
+    )
+    return trajectory, {k: n for k, n in counts.items() if n}
+
+
+def _vector(values: Array) -> Any:
+    x, y, z = (float(v) for v in values)
+    return make('geometry_msgs/msg/Vector3', x=x, y=y, z=z)
+
+
+def _quaternion(xyzw: Array | None) -> Any:
+    x, y, z, w = (0.0, 0.0, 0.0, 1.0) if xyzw is None else (float(v) for v in xyzw)
+    return make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w)
+
+
+def _pose(position: Array, quaternion: Array | None, covariance: Array | None) -> Any:
+    x, y, z = (float(v) for v in position)
+    pose = make(
+        'geometry_msgs/msg/Pose',
+        position=make('geometry_msgs/msg/Point', x=x, y=y, z=z),
+        orientation=_quaternion(quaternion),
+    )
+    full = np.zeros((6, 6))
+    if covariance is not None:
+        full[:3, :3] = covariance
+    return make('geometry_msgs/msg/PoseWithCovariance', pose=pose, covariance=full.ravel())
