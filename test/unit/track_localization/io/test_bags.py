@@ -1,0 +1,362 @@
+"""Bags: what is written comes back; damaged, foreign and odd bags are told, not swallowed."""
+
+import logging
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from track_localization.errors import DataError
+from track_localization.estimation.imu import ImuSeries
+from track_localization.estimation.trajectory import Trajectory
+from track_localization.io import bags
+from track_localization.io.bags import BagWriter
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def imu_series(n=400, start=5.0):
+    rng = np.random.default_rng(3)
+    time = start + np.arange(n) / 100.0
+    return ImuSeries(time, rng.normal(size=(n, 3)), rng.normal(size=(n, 3)))
+
+
+def raw_imu(sec, nanosec, force=(0.0, 0.0, 9.81)):
+    """Return an Imu message built field by field, apart from the code under test."""
+    t = STORE.types
+    return t['sensor_msgs/msg/Imu'](
+        header=t['std_msgs/msg/Header'](
+            stamp=t['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec), frame_id='imu_link'
+        ),
+        orientation=t['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=0.0),
+        orientation_covariance=np.zeros(9),
+        angular_velocity=t['geometry_msgs/msg/Vector3'](x=0.1, y=0.2, z=0.3),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=t['geometry_msgs/msg/Vector3'](x=force[0], y=force[1], z=force[2]),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def write_foreign(path, topics, storage=StoragePlugin.MCAP, compression=None, version=9):
+    """Write {topic: (type, [(log ns, message)])} with rosbags alone."""
+    writer = Writer(path, version=version, storage_plugin=storage)
+    if compression is not None:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        for topic, (kind, rows) in topics.items():
+            connection = writer.add_connection(topic, kind, typestore=STORE)
+            for ns, message in rows:
+                writer.write(connection, ns, STORE.serialize_cdr(message, kind))
+
+
+def imu_rows(n, start=100):
+    return [
+        ((start + k) * 10**9, raw_imu(start + k, 500_000_000, (float(k), 0.0, 9.81)))
+        for k in range(n)
+    ]
+
+
+@pytest.fixture
+def bag(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.write_imu('imu/data_raw', imu_series())
+    return tmp_path / 'bag'
+
+
+@pytest.mark.parametrize('named', ['folder', 'file', 'no metadata'])
+def test_imu_comes_back_to_the_nanosecond(bag, named):
+    if named == 'no metadata':
+        (bag / 'metadata.yaml').unlink()
+    series, rejected = bags.read_imu(bag / 'bag.mcap' if named == 'file' else bag)
+    expected = imu_series()
+    assert rejected == {}
+    np.testing.assert_allclose(series.time_s, expected.time_s, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(series.specific_force, expected.specific_force)
+    np.testing.assert_array_equal(series.angular_rate, expected.angular_rate)
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('compression', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize('version', [8, 9])
+def test_foreign_bags_of_each_kind(tmp_path, storage, compression, version):
+    path = tmp_path / 'b'
+    topics = {'/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(5))}
+    write_foreign(path, topics, storage, compression, version)
+    series, rejected = bags.read_imu(path)
+    assert rejected == {}
+    np.testing.assert_array_equal(series.time_s, 100.5 + np.arange(5))
+    np.testing.assert_array_equal(series.specific_force[:, 0], np.arange(5))
+    np.testing.assert_array_equal(series.angular_rate[0], [0.1, 0.2, 0.3])
+
+
+def test_a_db3_alone_and_a_split_recording(tmp_path):
+    for k in (2, 10):  # part 10 comes after part 2
+        topics = {'/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(3, start=100 * k))}
+        write_foreign(tmp_path / f'p{k}', topics, StoragePlugin.SQLITE3)
+    both = tmp_path / 'both'
+    both.mkdir()
+    for k in (2, 10):
+        shutil.copy(tmp_path / f'p{k}' / f'p{k}.db3', both / f'ride_{k}.db3')
+    alone, _ = bags.read_imu(tmp_path / 'p2' / 'p2.db3')
+    np.testing.assert_array_equal(alone.time_s, [200.5, 201.5, 202.5])
+    joined, rejected = bags.read_imu(both)
+    assert rejected == {}
+    np.testing.assert_array_equal(joined.time_s, [200.5, 201.5, 202.5, 1000.5, 1001.5, 1002.5])
+
+
+def test_no_gyro_is_kept_as_no_gyro(tmp_path):
+    series = imu_series(10)
+    series.angular_rate[:] = np.nan
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_imu('imu/data_raw', series)
+    back, rejected = bags.read_imu(tmp_path / 'b')
+    assert len(back) == 10
+    assert rejected == {}
+    assert not back.has_gyro
+
+
+def test_bad_samples_are_counted(tmp_path):
+    rows = imu_rows(8)
+    rows[2][1].linear_acceleration.y = float('nan')
+    rows[4] = rows[3]
+    rows[6] = (rows[6][0], rows[1][1])
+    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)})
+    series, rejected = bags.read_imu(tmp_path / 'b')
+    assert rejected == {'not_finite': 1, 'repeated_time': 1, 'backward_time': 1}
+    np.testing.assert_array_equal(series.time_s, 100.5 + np.array([0, 1, 3, 5, 7]))
+
+
+def test_header_stamps_win_over_log_times_unless_all_are_zero(tmp_path):
+    late = [(ns + 7 * 10**9, message) for ns, message in imu_rows(4)]
+    write_foreign(tmp_path / 'late', {'/imu/data_raw': ('sensor_msgs/msg/Imu', late)})
+    series, _ = bags.read_imu(tmp_path / 'late')
+    assert series.time_s[0] == 100.5
+    zero = [((9 + k) * 10**9, raw_imu(0, 0)) for k in range(4)]
+    write_foreign(tmp_path / 'zero', {'/imu/data_raw': ('sensor_msgs/msg/Imu', zero)})
+    series, rejected = bags.read_imu(tmp_path / 'zero')
+    np.testing.assert_array_equal(series.time_s, [9, 10, 11, 12])
+    assert rejected == {'no_header_stamp': 4}
+
+
+def test_topics_are_found_with_and_without_slash_and_in_one_namespace(tmp_path, caplog):
+    topics = {'/car1/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(2))}
+    write_foreign(tmp_path / 'one', topics)
+    for name in ('car1/imu/data_raw', '/car1/imu/data_raw'):
+        assert len(bags.read_imu(tmp_path / 'one', name)[0]) == 2
+    with caplog.at_level(logging.WARNING):
+        assert len(bags.read_imu(tmp_path / 'one')[0]) == 2
+    assert '/car1/imu/data_raw' in caplog.text
+    topics['/car2/imu/data_raw'] = ('sensor_msgs/msg/Imu', imu_rows(2))
+    write_foreign(tmp_path / 'two', topics)
+    with pytest.raises(DataError, match='several namespaces'):
+        bags.read_imu(tmp_path / 'two')
+    with pytest.raises(DataError, match=r'no topic phone/imu.*car1.*--remap'):
+        bags.read_imu(tmp_path / 'two', 'phone/imu')
+    assert bags.read_odometry(tmp_path / 'two') is None
+
+
+def test_wrong_type_names_both(tmp_path):
+    text = STORE.types['std_msgs/msg/String'](data='hello')
+    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('std_msgs/msg/String', [(1, text)])})
+    with pytest.raises(DataError, match='std_msgs/msg/String.*sensor_msgs/msg/Imu'):
+        bags.read_imu(tmp_path / 'b')
+    write_foreign(tmp_path / 'c', {'/imu/data_raw': ('sensor_msgs/msg/Imu', [])})
+    with pytest.raises(DataError, match='empty'):
+        bags.read_imu(tmp_path / 'c')
+
+
+def test_unknown_types_beside_the_imu_do_no_harm(tmp_path, caplog):
+    with Writer(tmp_path / 'b', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        odd = writer.add_connection(
+            '/odd', 'acme_msgs/msg/Odd', msgdef='uint8 x\n', rihs01='RIHS01_' + '0' * 64
+        )
+        writer.write(odd, 1, b'\x00\x01\x00\x00\x07')
+        good = writer.add_connection('/imu/data_raw', 'sensor_msgs/msg/Imu', typestore=STORE)
+        writer.write(good, 2, STORE.serialize_cdr(raw_imu(1, 0), 'sensor_msgs/msg/Imu'))
+    assert len(bags.read_imu(tmp_path / 'b')[0]) == 1
+    assert [topic for topic, _, _ in bags.messages(tmp_path / 'b')] == ['/imu/data_raw']
+    assert 'acme_msgs' in caplog.text
+    assert len(list(bags.raw_messages(tmp_path / 'b'))) == 2
+    with pytest.raises(DataError, match='unknown type'):
+        list(bags.messages(tmp_path / 'b', ['odd']))
+
+
+def test_odometry_keeps_covariance_and_turns_velocity_into_map(tmp_path):
+    half = np.sqrt(0.5)
+    truth = Trajectory(
+        np.array([1.0, 2.0]),
+        np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        quaternion=np.array([[0.0, 0.0, half, half]] * 2),  # facing +y
+        velocity=np.array([[0.0, 3.0, 0.0], [0.0, 5.0, 0.0]]),
+        covariance=np.array([[[4.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1.0]]] * 2),
+        sigma_speed=np.array([0.5, 0.25]),
+    )
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_odometry('ground_truth/odometry', truth)
+    message = next(iter(bags.messages(tmp_path / 'b')))[2]
+    assert message.child_frame_id == 'base_link'
+    assert message.twist.twist.linear.x == pytest.approx(3.0)
+    assert message.twist.twist.linear.y == pytest.approx(0.0)
+    assert message.pose.covariance.reshape(6, 6)[0, 1] == 1.0
+    back = bags.read_odometry(tmp_path / 'b')
+    np.testing.assert_allclose(back.velocity, truth.velocity, atol=1e-12)
+    np.testing.assert_array_equal(back.position, truth.position)
+    np.testing.assert_array_equal(back.covariance, truth.covariance)
+    np.testing.assert_allclose(back.speed, [3.0, 5.0])
+    np.testing.assert_allclose(back.sigma_speed, truth.sigma_speed)
+
+
+def test_odometry_without_orientation_and_covariance(tmp_path):
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_odometry('odometry', Trajectory(np.arange(3.0), np.ones((3, 3))))
+    rows = list(bags.messages(tmp_path / 'b'))
+    with BagWriter(tmp_path / 'zero') as writer:
+        for _, ns, message in rows:
+            message.pose.pose.orientation.w = 0.0
+            message.twist.twist.linear.y = 2.0
+            writer.write('odometry', 'nav_msgs/msg/Odometry', ns, message)
+    back = bags.read_odometry(tmp_path / 'zero', 'odometry')
+    assert back.quaternion is None
+    assert back.velocity is None
+    assert back.covariance is None
+    np.testing.assert_array_equal(back.speed, [2.0, 2.0, 2.0])
+
+
+def test_odometry_rows_that_cannot_be_used_are_counted(tmp_path):
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_odometry('o', Trajectory(np.array([1.0, 2.0, 2.0, 1.5, 3.0]), np.ones((5, 3))))
+        writer.write_odometry('o', Trajectory(np.array([4.0]), np.full((1, 3), np.nan)))
+    counts = {}
+    back = bags.read_odometry(tmp_path / 'b', 'o', counts)
+    np.testing.assert_array_equal(back.time_s, [1.0, 1.5, 2.0, 3.0])
+    assert counts == {'repeated_time': 1, 'not_finite': 1}
+
+
+def test_poses_keep_stamp_apart_from_arrival(tmp_path):
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_pose(
+            'srdtw/pose',
+            np.array([1.0]),
+            np.array([[1.0, 2.0, 3.0]]),
+            covariance=np.diag([1.0, 2.0, 3.0])[None],
+            log_time_s=np.array([4.5]),
+        )
+    ((topic, log_ns, message),) = bags.messages(tmp_path / 'b', ['srdtw/pose'])
+    assert (topic, log_ns, message.header.stamp.sec) == ('srdtw/pose', 4_500_000_000, 1)
+    assert message.pose.pose.position.z == 3.0
+    np.testing.assert_array_equal(np.diag(message.pose.covariance.reshape(6, 6))[:3], [1, 2, 3])
+
+
+def test_messages_of_several_topics_come_in_order_of_log_time(tmp_path):
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_imu('imu/data_raw', imu_series(5, start=5.0))
+        writer.write_odometry('odom', Trajectory(np.array([5.005, 5.025]), np.zeros((2, 3))))
+    seen = [(topic, ns) for topic, ns, _ in bags.messages(tmp_path / 'b', ['imu/data_raw', 'odom'])]
+    assert [ns for _, ns in seen] == sorted(ns for _, ns in seen)
+    assert [topic for topic, _ in seen][:2] == ['imu/data_raw', 'odom']
+    assert bags.list_topics(tmp_path / 'b') == {
+        '/imu/data_raw': 'sensor_msgs/msg/Imu',
+        '/odom': 'nav_msgs/msg/Odometry',
+    }
+
+
+def test_writer_refuses_to_overwrite_and_to_delete_strangers(tmp_path, bag):
+    with pytest.raises(DataError, match='exists already'), BagWriter(bag):
+        pass
+    with BagWriter(bag, overwrite=True) as writer:
+        writer.write_imu('imu/data_raw', imu_series(3))
+    assert len(bags.read_imu(bag)[0]) == 3
+    (bag / 'thesis.doc').touch()
+    with pytest.raises(DataError, match=r'thesis\.doc'), BagWriter(bag, overwrite=True):
+        pass
+    assert (bag / 'bag.mcap').exists()
+    with pytest.raises(DataError, match='cannot be written'), BagWriter(tmp_path / 'x') as writer:
+        writer.write_imu('imu/data_raw', imu_series(3, start=-5.0))
+
+
+def test_what_was_written_before_an_error_can_be_read(tmp_path):
+    with pytest.raises(ZeroDivisionError), BagWriter(tmp_path / 'b') as writer:
+        writer.write_imu('imu/data_raw', imu_series(7))
+        raise ZeroDivisionError
+    assert len(bags.read_imu(tmp_path / 'b')[0]) == 7
+
+
+@pytest.mark.parametrize(
+    ('name', 'content'),
+    [('a.mcap', b''), ('a.db3', b''), ('a.mcap', b'rubbish' * 99), ('a.db3', b'rubbish' * 999)],
+)
+def test_files_that_are_no_bags(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=name):
+        bags.read_imu(path)
+
+
+def test_missing_and_empty_places(tmp_path):
+    with pytest.raises(DataError, match='no such file'):
+        bags.read_imu(tmp_path / 'nowhere')
+    with pytest.raises(DataError, match=r'no \.mcap or \.db3'):
+        bags.read_imu(tmp_path)
+    (tmp_path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [')
+    with pytest.raises(DataError, match='cannot be opened'):
+        bags.list_topics(tmp_path)
+
+
+def test_broken_metadata_does_not_hide_a_good_storage_file(bag):
+    (bag / 'metadata.yaml').write_text('rosbag2_bagfile_information: [')
+    assert len(bags.read_imu(bag)[0]) == 400
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_a_truncated_bag_gives_what_is_left_and_counts_the_rest(tmp_path, storage):
+    """Cut at many places: samples are a true prefix, or the loss is told; never anything else."""
+    rows = imu_rows(300)
+    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)}, storage)
+    (whole,) = [p for p in (tmp_path / 'b').iterdir() if p.suffix in bags.STORAGES]
+    content = whole.read_bytes()
+    rng = np.random.default_rng(1)
+    for cut in rng.integers(0, len(content) - 1, 40):
+        path = tmp_path / f'cut{whole.suffix}'
+        path.write_bytes(content[:cut])
+        try:
+            series, rejected = bags.read_imu(path)
+        except DataError as error:
+            assert 'cut' in str(error)
+            continue
+        assert np.isin(series.time_s, 100.5 + np.arange(300)).all()
+        assert len(series) == 300 or rejected['unreadable'] > 0
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_corrupt_bytes_are_told_or_harmless(tmp_path, storage):
+    """Overwrite stretches of the file: all samples, a counted loss or DataError."""
+    rows = imu_rows(300)
+    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)}, storage)
+    (whole,) = [p for p in (tmp_path / 'b').iterdir() if p.suffix in bags.STORAGES]
+    content = whole.read_bytes()
+    rng = np.random.default_rng(2)
+    for place in rng.integers(0, len(content) - 64, 40):
+        path = tmp_path / f'hit{whole.suffix}'
+        path.write_bytes(content[:place] + rng.bytes(64) + content[place + 64 :])
+        try:
+            series, rejected = bags.read_imu(path)
+        except DataError as error:
+            assert 'hit' in str(error) or 'imu' in str(error)
+            continue
+        assert len(series) + sum(rejected.values()) >= 299  # a hit payload may merge two stamps
+
+
+def test_a_locked_database_of_a_killed_recorder_is_read(tmp_path):
+    write_foreign(
+        tmp_path / 'b',
+        {'/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(4))},
+        StoragePlugin.SQLITE3,
+    )
+    (tmp_path / 'b' / 'metadata.yaml').unlink()
+    with sqlite3.connect(tmp_path / 'b' / 'b.db3') as database:
+        database.execute('DELETE FROM metadata')
+    database.close()
+    assert len(bags.read_imu(tmp_path / 'b')[0]) == 4
