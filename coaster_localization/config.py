@@ -24,7 +24,51 @@ class MatcherConfig:
 class EskfConfig:
     """Error-state Kalman filter on IMU and matches (paper 1, section 2)."""
 
-    preset: str = setting('default', '', 'observation covariance', choices=('default', 'paper'))
+    preset: str = setting(
+        'default',
+        '',
+        "'paper': every match with eq. 21's fixed covariance; 'default': each match by its own "
+        'quality, thinned for its correlation, held to the line',
+        choices=('default', 'paper'),
+    )
+    # Observation, preset 'paper'
+    lambda_x: float = setting(10.0, 'm^2', 'variance of a match along the vehicle', 1e-6, 1e6)
+    n: float = setting(1000.0, '', 'lambda_x over lambda_y and lambda_z', 1e-3, 1e9)
+    # Observation, preset 'default'
+    match_correlation_s: float = setting(
+        2.0, 's', 'time over which matching errors persist: closer matches weigh less', 0.0, 60.0
+    )
+    line_sigma_m: float = setting(
+        0.03, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
+    )
+    line_correlation_m: float = setting(
+        10.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
+    )
+    gate_nis: float = setting(9.0, '', 'NIS of a match along the track, above it weighs less', 1.0)
+    reject_nis: float = setting(50.0, '', 'NIS above which a match is refused', 1.0)
+    relocate_s: float = setting(
+        6.0, 's', 'refused without a break for so long, the match is believed', 0.1, 600.0
+    )
+    history_s: float = setting(10.0, 's', 'how late a match may arrive', 0.1, 120.0)
+    # Start
+    rest_s: float = setting(1.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
+    start_sigma_m: float = setting(0.3, 'm', 'where the train stands at the start', 1e-3, 1e4)
+    yaw_sigma_deg: float = setting(4.0, 'deg', "sensor's heading in the vehicle", 0.01, 180.0)
+    tilt_sigma_deg: float = setting(0.4, 'deg', 'levelling by a biased accelerometer', 0.01, 90.0)
+    # IMU
+    accel_noise: float = setting(0.003, 'm/s^2/sqrt(Hz)', 'velocity random walk', 0.0, 1.0)
+    gyro_noise: float = setting(3e-4, 'rad/s/sqrt(Hz)', 'angle random walk', 0.0, 1.0)
+    accel_bias_sigma: float = setting(0.06, 'm/s^2', 'accelerometer bias at start', 1e-6, 10.0)
+    gyro_bias_sigma: float = setting(0.006, 'rad/s', 'gyro bias where no rest tells it', 1e-8, 1.0)
+    accel_bias_walk: float = setting(0.003, 'm/s^2/sqrt(s)', 'bias walk', 0.0, 1.0)
+    gyro_bias_walk: float = setting(1.5e-4, 'rad/s/sqrt(s)', 'bias walk', 0.0, 1.0)
+    accel_scale: float = setting(0.005, '', 'scale error of the accelerometer', 0.0, 0.5)
+    gyro_scale: float = setting(0.004, '', 'scale error of the gyro', 0.0, 0.5)
+    vibration_gain: float = setting(
+        1.0, '', 'share of the force above 4 Hz that acts as white noise', 0.0, 10.0
+    )
+    # Output
+    path_rate_hz: float = setting(5.0, 'Hz', 'poses a second on the path topic', 0.1, 100.0)
 
 
 @dataclasses.dataclass(frozen=True)

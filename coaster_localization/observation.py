@@ -42,3 +42,17 @@ def observation_covariance(
     lambdas = np.stack(np.broadcast_arrays(lambda_x, lambda_y, lambda_z), axis=-1)
     V: Array = (R_nb * lambdas[..., None, :]) @ np.swapaxes(R_nb, -1, -2)
     return V
+
+
+def problem(match: MatchObservation) -> str | None:
+    """Return why a match cannot be fused, or None: the reasons are those of the diagnostics."""
+    if not np.isfinite(match.time_s):
+        return 'not_finite'
+    if not (np.isfinite(match.position).all() and np.isfinite(match.covariance).all()):
+        return 'not_finite'
+    V = match.covariance
+    if np.abs(V - V.T).max() > 1e-6 * max(1.0, float(np.abs(V).max())):
+        return 'covariance_not_symmetric'
+    if float(np.linalg.eigvalsh(V)[0]) <= 0.0:
+        return 'covariance_not_positive'
+    return None

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation.so3 import exp_one, normalised_one
+from track_localization.estimation.so3 import exp_one, log, normalised_one
 from track_localization.estimation.strapdown import dead_reckon_one
 
 Array = NDArray[np.float64]
@@ -179,6 +179,13 @@ def box_plus(x: Array, error: Array) -> Array:
     """Return the nominal state (24,) with an error (18,) added."""
     out: Array = _box_plus(x, error)
     return out
+
+
+def box_minus(x: Array, reference: Array) -> Array:
+    """Return the error (18,) that takes ``reference`` (24,) to ``x``: the inverse of box_plus."""
+    R = x[6:15].reshape(3, 3)
+    R_ref = reference[6:15].reshape(3, 3)
+    return np.concatenate([x[0:6] - reference[0:6], log(R_ref.T @ R), x[15:24] - reference[15:24]])
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,95 @@
+"""What the coaster's filter holds inside and what it gives out."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from track_localization.estimation import eskf, so3
+
+Array = NDArray[np.float64]
+
+
+class FusedState(NamedTuple):
+    """
+    Filter state with what its updates must remember, so that a replay repeats their decisions.
+
+    Attributes:
+        nav: the error-state filter's state.
+        chainage: of the estimate, along the line [m].
+        last_match_s: stamp of the last fused match [s]; NaN before the first.
+        refused_since_s: since when every match was refused [s]; NaN while they are accepted.
+        last_zupt_s: stamp of the last standstill update [s].
+    """
+
+    nav: eskf.State
+    chainage: float
+    last_match_s: float
+    refused_since_s: float
+    last_zupt_s: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """
+    Where the vehicle is at ``time_s``; covariances are computed when asked for.
+
+    Attributes:
+        time_s: stamp of the IMU sample [s].
+        nav: the filter's state.
+        angular_rate: (3,) in the body [rad/s].
+        rate_sigma: standard deviation of the rate's noise [rad/s].
+        chainage: along the line [m].
+        sigma_along: standard deviation of the position along the line [m].
+    """
+
+    time_s: float
+    nav: eskf.State
+    angular_rate: Array
+    rate_sigma: float
+    chainage: float
+    sigma_along: float
+
+    @property
+    def position(self) -> Array:
+        """Position (3,) in ``map`` [m]."""
+        return self.nav.position
+
+    @property
+    def velocity(self) -> Array:
+        """Velocity (3,) in ``map`` [m/s]."""
+        return self.nav.velocity
+
+    @property
+    def quaternion(self) -> Array:
+        """Attitude (4,), x y z w, body to map."""
+        return so3.quat_from_matrix(self.nav.R_nb)
+
+    @property
+    def velocity_body(self) -> Array:
+        """Velocity (3,) in the body [m/s]."""
+        v: Array = self.nav.R_nb.T @ self.nav.velocity
+        return v
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Covariance (6, 6) of x, y, z [m] and of rotation about the axes of ``map`` [rad]."""
+        T = np.zeros((6, eskf.ERROR_STATES))
+        T[0:3, eskf.POSITION] = np.eye(3)
+        T[3:6, eskf.ATTITUDE] = self.nav.R_nb
+        P: Array = T @ self.nav.P @ T.T
+        return P
+
+    @property
+    def twist_covariance(self) -> Array:
+        """Covariance (6, 6) of the body-frame velocity [m/s] and angular rate [rad/s]."""
+        J = np.zeros((6, eskf.ERROR_STATES))
+        J[0:3, eskf.VELOCITY] = self.nav.R_nb.T
+        J[0:3, eskf.ATTITUDE] = so3.hat(self.velocity_body)
+        J[3:6, eskf.GYRO_BIAS] = -np.eye(3)
+        P: Array = J @ self.nav.P @ J.T
+        P[3:6, 3:6] += np.eye(3) * self.rate_sigma**2
+        return P

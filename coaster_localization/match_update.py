@@ -1,0 +1,161 @@
+"""
+Correcting the filter by a match: the paper's form, and the form that is held to the line.
+
+The paper takes the matched point as the position, with eq. (21)'s covariance. That is linear, so a
+match three metres off in a curve of ten metres' radius also pulls half a metre sideways. The other
+form takes the match for what it is, a chainage, and the line for what it is, the place where the
+train must be: the innovation is formed where the estimate, not the match, says the train is, and
+is iterated (an iterated Kalman update on the curve).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.config import EskfConfig
+from coaster_localization.estimate import FusedState
+from coaster_localization.observation import MatchObservation, observation_covariance
+from track_localization.estimation import eskf
+from track_localization.track.line_table import LineTable
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 4
+
+
+class MatchUpdate:
+    """
+    Update of a ``FusedState`` by a match, with gate and recovery.
+
+    Attributes:
+        last_nis: NIS along the track of the latest match that was tried.
+        refused: matches refused by the gate, replays not counted twice.
+    """
+
+    def __init__(self, line: LineTable, config: EskfConfig) -> None:
+        self.line = line
+        self.config = config
+        self.last_nis = float('nan')
+        self.refused: set[float] = set()
+        self.relocated: set[float] = set()
+
+    def __call__(self, state: FusedState, match: MatchObservation) -> FusedState:
+        """Return the state after the match, or with the refusal noted."""
+        if self.config.preset == 'paper':
+            return self._paper(state, match)
+        return self._on_line(state, match)
+
+    def _paper(self, state: FusedState, match: MatchObservation) -> FusedState:
+        """Apply eqs (21)-(27): fixed lambdas along the vehicle's axes."""
+        nav = state.nav
+        lambda_x = self.config.lambda_x
+        lambda_y = lambda_x / self.config.n
+        V = observation_covariance(nav.R_nb, lambda_x, lambda_y, lambda_y)
+        H = np.zeros((3, eskf.ERROR_STATES))
+        H[:, eskf.POSITION] = np.eye(3)
+        dt = match.time_s - nav.time_s
+        H[:, eskf.VELOCITY] = np.eye(3) * dt
+        nu = match.position - nav.position - nav.velocity * dt
+        self.last_nis = float(nu @ np.linalg.solve(eskf.innovation_covariance(nav, H, V), nu))
+        nav = eskf.update(nav, nu, H, V)
+        return self._done(state, nav, match)
+
+    def _on_line(self, state: FusedState, match: MatchObservation) -> FusedState:
+        nav, line = state.nav, self.line
+        dt = match.time_s - nav.time_s
+        p = nav.position + nav.velocity * dt
+        s_match = line.project(match.position, self._chainage_of(match))
+        i = line.index(s_match)
+        tangent = line.R_nb[i, :, 0]
+        variance = float(tangent @ match.covariance @ tangent)
+        s_pred = line.project(p, state.chainage)
+        tangent = line.R_nb[line.index(s_pred), :, 0]
+        along = self._difference(s_match, s_pred)
+        var_pred = float(tangent @ nav.P[0:3, 0:3] @ tangent)
+        nis = along**2 / (var_pred + variance)
+        self.last_nis = nis
+        if nis > self.config.reject_nis:
+            since = state.refused_since_s
+            if np.isnan(since):
+                since = match.time_s
+            if match.time_s - since < self.config.relocate_s:
+                self.refused.add(match.time_s)
+                return state._replace(refused_since_s=since)
+            nav = self._relocate(nav, match, along)
+            self.relocated.add(match.time_s)
+            state = state._replace(nav=nav)
+        elif nis > self.config.gate_nis:
+            variance *= nis / self.config.gate_nis
+        variance *= self._thinning(state, match, self.config.match_correlation_s)
+        nav = self._iterate(nav, dt, s_match, variance, self._cross_variance(state, match))
+        return self._done(state, nav, match)
+
+    def _iterate(
+        self, nav: eskf.State, dt: float, s_match: float, variance: float, cross: float
+    ) -> eskf.State:
+        """Update with the line taken at the estimate that the update itself leads to."""
+        line = self.line
+        s = line.project(nav.position + nav.velocity * dt, s_match)
+        prior_var = float(np.trace(nav.P[0:3, 0:3]))
+        if variance < prior_var:
+            s = s_match
+        new = nav
+        for _ in range(ITERATIONS):
+            i = line.index(s)
+            R_line = line.R_nb[i]
+            nu = -R_line.T @ (nav.position + nav.velocity * dt - line.point(s))
+            nu[0] += self._difference(s_match, s)
+            bend = float(np.hypot(line.curvature[i, 1], line.curvature[i, 2]))
+            sigma2 = 1.0 / (1.0 / variance + 1.0 / max(prior_var, 1e-6))
+            cross_var = cross + (0.5 * bend * sigma2) ** 2
+            H = np.zeros((3, eskf.ERROR_STATES))
+            H[:, eskf.POSITION] = R_line.T
+            H[:, eskf.VELOCITY] = R_line.T * dt
+            new = eskf.update(nav, nu, H, np.diag([variance, cross_var, cross_var]))
+            s_new = line.project(new.position + new.velocity * dt, s)
+            moved = abs(self._difference(s_new, s))
+            s = s_new
+            if moved < 0.05:
+                break
+        return new
+
+    def _relocate(self, nav: eskf.State, match: MatchObservation, along: float) -> eskf.State:
+        """Admit that the filter was wrong: open its position and speed to what the match says."""
+        P = nav.P.copy()
+        P[0:3, 0:3] += np.eye(3) * along**2
+        P[3:6, 3:6] += np.eye(3) * 4.0
+        x = nav.x.copy()
+        x[0:3] = match.position
+        return nav._replace(x=x, P=P)
+
+    def _done(self, state: FusedState, nav: eskf.State, match: MatchObservation) -> FusedState:
+        chainage = self.line.project(nav.position, self._chainage_of(match))
+        return state._replace(
+            nav=nav, chainage=chainage, last_match_s=match.time_s, refused_since_s=float('nan')
+        )
+
+    def _thinning(self, state: FusedState, match: MatchObservation, correlation_s: float) -> float:
+        """Return the factor by which close matches weigh less: their errors are the same ones."""
+        since = match.time_s - state.last_match_s
+        if np.isnan(since) or correlation_s <= 0.0:
+            return 1.0
+        return max(1.0, 2.0 * correlation_s / max(since, 1e-3))
+
+    def _cross_variance(self, state: FusedState, match: MatchObservation) -> float:
+        """Return the variance across the line [m^2]; a track keeps its deviation for metres."""
+        speed = max(float(np.linalg.norm(state.nav.velocity)), 0.5)
+        seconds = min(self.config.line_correlation_m / speed, 10.0)
+        return self.config.line_sigma_m**2 * self._thinning(state, match, seconds)
+
+    def _difference(self, a: float, b: float) -> float:
+        """Return a - b along the line, the short way round on a closed one."""
+        d = a - b
+        if self.line.closed:
+            d -= self.line.length * round(d / self.line.length)
+        return d
+
+    def _chainage_of(self, match: MatchObservation) -> float:
+        if np.isfinite(match.chainage):
+            return match.chainage
+        return self.line.nearest(match.position)

@@ -1,0 +1,286 @@
+"""
+The coaster's filter as a plain object: IMU samples and matches in, estimates out.
+
+Driven by header stamps only. The live node feeds it from topics, an evaluation feeds it from a
+recording; both get the same numbers. A match is fused at its own stamp, however late it comes.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.config import EskfConfig
+from coaster_localization.estimate import Estimate, FusedState
+from coaster_localization.match_update import MatchUpdate
+from coaster_localization.observation import MatchObservation, problem
+from coaster_localization.start import (
+    Rest,
+    StartPose,
+    observe_rest,
+    state_at_rest,
+    state_from_match,
+)
+from track_localization import GRAVITY
+from track_localization.estimation import eskf, so3
+from track_localization.estimation.gating import Rejections
+from track_localization.estimation.history import History, TooLateError
+from track_localization.estimation.imu import ImuSample
+from track_localization.estimation.imu_monitor import ClockGuard, ImuMonitor, ImuStep
+from track_localization.track.centreline import Centreline
+from track_localization.track.design_ride import DesignRide
+from track_localization.track.line_table import LineTable
+
+Array = NDArray[np.float64]
+
+GAP_S = 0.1
+"""A step longer than this was not measured: what the train did in it is unknown."""
+GAP_ACCEL, GAP_RATE = 15.0, 1.5
+"""How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
+ZUPT_SIGMA = 0.02
+"""Velocity at standstill [m/s]."""
+ZUPT_INTERVAL_S = 0.2
+
+
+class CoasterEskf:
+    """
+    Error-state Kalman filter of one ride.
+
+    ``push`` takes IMU samples (in the body: apply the mount before) and matches, in any order of
+    arrival, and returns the new estimates: one for every IMU sample once the start is known.
+    """
+
+    def __init__(
+        self, design: DesignRide, config: EskfConfig, line: LineTable | None = None
+    ) -> None:
+        self.config = config
+        self.design = design
+        self.line = line or LineTable(Centreline.from_design_ride(design))
+        self._noise = eskf.ImuNoise(
+            config.accel_noise,
+            config.gyro_noise,
+            config.accel_bias_walk,
+            config.gyro_bias_walk,
+            config.accel_scale,
+            config.gyro_scale,
+        )
+        self._start = StartPose(
+            design.position[0],
+            np.eye(3) * config.start_sigma_m**2,
+            so3.matrix_from_quat(design.quaternion[0]),
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the ride and wait for a start again; a start pose that was set is kept."""
+        self._rejections = Rejections()
+        self._clock = ClockGuard()
+        self._restart()
+
+    def _restart(self) -> None:
+        self._monitor = ImuMonitor()
+        self._match_update = MatchUpdate(self.line, self.config)
+        self._waiting: deque[ImuSample] = deque()
+        self._rest: Rest | None = None
+        self.history: History[FusedState, ImuStep | MatchObservation] | None = None
+        self.accepted = {'imu': 0, 'match': 0}
+
+    @property
+    def rejected(self) -> dict[str, dict[str, int]]:
+        """Refused measurements: sensor -> reason -> count."""
+        counts = self._rejections.as_dict()
+        if self._match_update.refused:
+            counts.setdefault('match', {})['gate'] = len(self._match_update.refused)
+        return counts
+
+    def set_start(self, position: Array, covariance: Array, R_nb: Array | None = None) -> None:
+        """
+        Set where the vehicle is, at the newest stamp (or at the start, before there is one).
+
+        ``position`` (3,) in ``map`` [m], ``covariance`` (3, 3) [m^2], ``R_nb`` for the attitude.
+        """
+        if R_nb is None:
+            nearest = int(np.argmin(np.linalg.norm(self.design.position - position, axis=1)))
+            R_start = so3.matrix_from_quat(self.design.quaternion[nearest])
+        else:
+            R_start = R_nb
+        self._start = StartPose(position, covariance, R_start)
+        if self.history is None:
+            return
+        state = self.history.state
+        x, P = state.nav.x.copy(), state.nav.P.copy()
+        x[0:3] = position
+        P[0:3, :] = 0.0
+        P[:, 0:3] = 0.0
+        P[0:3, 0:3] = covariance
+        if R_nb is not None:
+            x[6:15] = R_nb.ravel()
+        nav = eskf.State(state.nav.time_s, x, P)
+        self._begin(state._replace(nav=nav, chainage=self.line.nearest(position)))
+
+    def push(self, measurement: ImuSample | MatchObservation) -> list[Estimate]:
+        """Take one measurement; return the estimates that it makes possible."""
+        if isinstance(measurement, MatchObservation):
+            self._push_match(measurement)
+            return []
+        return self._push_imu(measurement)
+
+    def diagnostics(self) -> dict[str, float | str]:
+        """Return figures for a health report."""
+        if self.history is None:
+            return {'status': 'waiting for a standstill or a match in motion'}
+        state = self.history.state
+        refused = not np.isnan(state.refused_since_s)
+        return {
+            'status': 'matches refused: position in doubt' if refused else 'running',
+            'position_sigma_m': float(np.sqrt(np.trace(state.nav.P[0:3, 0:3]))),
+            'speed_mps': float(np.linalg.norm(state.nav.velocity)),
+            'chainage_m': state.chainage,
+            'last_match_age_s': state.nav.time_s - state.last_match_s,
+            'match_nis': self._match_update.last_nis,
+            'relocations': float(len(self._match_update.relocated)),
+        }
+
+    def _push_imu(self, sample: ImuSample) -> list[Estimate]:
+        finite = np.isfinite(sample.specific_force).all() and np.isfinite(sample.angular_rate).all()
+        if not finite:
+            self._rejections.add('imu', 'not_finite')
+            return []
+        verdict = self._clock.check(sample.time_s)
+        if verdict == 'restart':
+            self._restart()
+        if verdict is not None:
+            self._rejections.add('imu', verdict)
+        if verdict not in (None, 'restart'):
+            return []
+        self.accepted['imu'] += 1
+        if self.history is None:
+            return self._wait_for_rest(sample)
+        step = self._monitor.push(sample)
+        self.history.add(step.time_s, step)
+        return [self._estimate(step)]
+
+    def _push_match(self, match: MatchObservation) -> None:
+        reason = problem(match)
+        if reason is None and self.history is None:
+            reason = self._start_from_match(match)
+        elif reason is None and self.history is not None:
+            if match.time_s > self.history.newest_s + GAP_S:
+                reason = 'ahead_of_imu'
+            else:
+                try:
+                    self.history.add(match.time_s, match, rank=1)
+                except TooLateError:
+                    reason = 'too_late'
+        if reason is None:
+            self.accepted['match'] += 1
+        else:
+            self._rejections.add('match', reason)
+
+    def _wait_for_rest(self, sample: ImuSample) -> list[Estimate]:
+        """Keep samples until they show a standstill long enough to level by."""
+        waiting = self._waiting
+        waiting.append(sample)
+        if sample.time_s - waiting[0].time_s < self.config.rest_s:
+            return []
+        rest = observe_rest(waiting)
+        if rest is None:
+            while sample.time_s - waiting[0].time_s >= self.config.rest_s:
+                waiting.popleft()
+            return []
+        self._rest = rest
+        time_s = waiting[0].time_s
+        nav = state_at_rest(time_s, rest, self._start, self.config)
+        chainage = self.line.nearest(nav.position)
+        self._begin(FusedState(nav, chainage, float('nan'), float('nan'), time_s))
+        return self._replay_waiting()
+
+    def _start_from_match(self, match: MatchObservation) -> str | None:
+        """Begin in mid-ride; return why not, where the match does not allow it."""
+        if not self._waiting or not 0.0 <= self._waiting[-1].time_s - match.time_s < 5.0:
+            return 'before_start'
+        nav = state_from_match(match, self.design, self.config)
+        if nav is None:
+            return 'before_start'
+        while self._waiting and self._waiting[0].time_s <= match.time_s:
+            self._waiting.popleft()
+        chainage = self.line.nearest(match.position)
+        self._begin(FusedState(nav, chainage, match.time_s, float('nan'), match.time_s))
+        self._replay_waiting()
+        return None
+
+    def _replay_waiting(self) -> list[Estimate]:
+        estimates = []
+        while self._waiting and self.history is not None:
+            step = self._monitor.push(self._waiting.popleft())
+            self.history.add(step.time_s, step)
+            estimates.append(self._estimate(step))
+        return estimates
+
+    def _begin(self, state: FusedState) -> None:
+        self.history = History(self.apply, state, state.nav.time_s, self.config.history_s)
+
+    def apply(self, state: FusedState, measurement: ImuStep | MatchObservation) -> FusedState:
+        """Return the state after one measurement: a pure function, so it can be replayed."""
+        if isinstance(measurement, MatchObservation):
+            return self._match_update(state, measurement)
+        dt = measurement.time_s - state.nav.time_s
+        if dt > 0.0:
+            q = self.noise(measurement, dt)
+            nav = eskf.propagate(state.nav, measurement.f, measurement.w, dt, q)
+            nav = nav._replace(time_s=measurement.time_s)
+            chainage = self.line.project(nav.position, state.chainage)
+            state = state._replace(nav=nav, chainage=chainage)
+        return self._zupt(state, measurement)
+
+    def noise(self, step: ImuStep, dt: float) -> Array:
+        """Return a step's process noise (4,): IMU, vibration, and what a gap leaves unknown."""
+        extra = self.config.vibration_gain * step.vibration * np.sqrt(dt)
+        q = eskf.process_noise(self._noise, step.f, step.w, dt, extra)
+        if dt > GAP_S:
+            q[0] += (GAP_ACCEL * dt) ** 2
+            q[1] += (GAP_RATE * dt) ** 2
+        return q
+
+    def _zupt(self, state: FusedState, step: ImuStep) -> FusedState:
+        """
+        Use a standstill: no velocity, and the mean rate is the gyro's bias.
+
+        A quiet chain lift looks like one to the IMU, so the filter's own speed must agree.
+        """
+        if self.config.preset == 'paper' or self._rest is None:
+            return state
+        if step.time_s - state.last_zupt_s < ZUPT_INTERVAL_S or not self._quiet(step):
+            return state
+        nav = state.nav
+        sigma_v = float(np.sqrt(np.trace(nav.P[3:6, 3:6])))
+        if np.linalg.norm(nav.velocity) > 0.3 + 2.0 * sigma_v or sigma_v > 3.0:
+            return state
+        if np.linalg.norm(step.w_mean - nav.gyro_bias) > 0.02:
+            return state
+        H = np.zeros((6, eskf.ERROR_STATES))
+        H[0:3, eskf.VELOCITY] = np.eye(3)
+        H[3:6, eskf.GYRO_BIAS] = np.eye(3)
+        nu = np.concatenate([-nav.velocity, step.w_mean - nav.gyro_bias])
+        R = np.diag([ZUPT_SIGMA**2] * 3 + [max(0.3 * step.w_std, 2e-4) ** 2] * 3)
+        return state._replace(nav=eskf.update(nav, nu, H, R), last_zupt_s=step.time_s)
+
+    def _quiet(self, step: ImuStep) -> bool:
+        """Whether the sensor shakes no more than it did in the station, under 1 g."""
+        assert self._rest is not None
+        return (
+            step.f_std < min(max(3.0 * self._rest.force_std, 0.05), 0.3)
+            and step.w_std < min(max(3.0 * self._rest.rate_std, 0.005), 0.03)
+            and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
+        )
+
+    def _estimate(self, step: ImuStep) -> Estimate:
+        assert self.history is not None
+        state = self.history.state
+        tangent = self.line.R_nb[self.line.index(state.chainage), :, 0]
+        sigma = float(np.sqrt(tangent @ state.nav.P[0:3, 0:3] @ tangent))
+        rate_sigma = self.config.gyro_noise / float(np.sqrt(max(step.dt, 1e-4)))
+        rate = step.w - state.nav.gyro_bias
+        return Estimate(step.time_s, state.nav, rate, rate_sigma, state.chainage, sigma)
