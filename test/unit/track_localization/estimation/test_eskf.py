@@ -139,7 +139,7 @@ def exact_motion(x, f, w, dt):
     x = x.copy()
     R = x[6:15].reshape(3, 3)
     h = dt / 10
-    turn = np.cross(np.eye(3), -w * h)  # the cross-product matrix of w h
+    turn = np.cross(np.eye(3), w * h)  # the cross-product matrix of w h
     turn = np.eye(3) + turn + 0.5 * turn @ turn
     for _ in range(10):
         a = R @ f + x[21:24]
