@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from track_localization.errors import DataError
@@ -24,6 +23,7 @@ from track_localization.estimation.imu import ImuSeries, clean
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.io import codec
 from track_localization.io.bag_writer import BagWriter
+from track_localization.io.salvage import Salvage, salvage
 
 __all__ = [
     'BagWriter',
@@ -95,6 +95,8 @@ def raw_messages(
         names = _names(path, _topics(readers), topics)
         read, expected, problem = 0, 0, ''
         for reader in readers:
+            if isinstance(reader, Salvage):
+                problem = 'cut short or never closed'
             connections = [c for c in reader.connections if c.topic in names]
             expected += sum(c.msgcount for c in connections)
             if not connections:
@@ -255,9 +257,8 @@ def _names(
     return names
 
 
-def _topics(readers: Sequence[Reader]) -> dict[str, str]:
-    connections: list[Connection] = [c for reader in readers for c in reader.connections]
-    return {c.topic: c.msgtype for c in connections}
+def _topics(readers: Sequence[Reader | Salvage]) -> dict[str, str]:
+    return {c.topic: c.msgtype for reader in readers for c in reader.connections}
 
 
 def _storage_files(folder: Path) -> list[Path]:
@@ -270,34 +271,42 @@ def _storage_files(folder: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def _open(path: Path) -> Iterator[list[Reader]]:
+def _open(path: Path) -> Iterator[list[Reader | Salvage]]:
     """
     Open a bag: one reader, or one per storage file where ``metadata.yaml`` cannot be used.
 
-    Raise DataError, naming the file and the remedy, when nothing can be opened.
+    A storage file that does not open is salvaged. Raise DataError, naming the file and the
+    remedy, when there is nothing to read.
     """
     if not path.exists():
         raise DataError(f'{path}: no such file or folder; give a bag folder, an .mcap or a .db3')
     if not is_bag(path):
         what = 'folder holds no' if path.is_dir() else 'file is not an'
         raise DataError(f'{path}: this {what} .mcap or .db3; give a ROS 2 bag')
-    candidates = [[path]]
-    if path.is_dir():
-        files = _storage_files(path)
-        candidates = [[path], files] if (path / 'metadata.yaml').exists() else [files]
-    problem = ''
-    for paths in candidates:
-        if not paths:
-            continue
-        with contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack:
+        if (path / 'metadata.yaml').exists():
             try:
-                readers = [stack.enter_context(Reader(p)) for p in paths]
-            except Exception as error:  # whatever the decoder of a damaged file trips over
-                problem = problem or f'{type(error).__name__}: {error}'
-                continue
-            yield readers
-            return
-    raise DataError(
-        f'{path}: cannot be opened as a bag ({problem}); it is empty, damaged or was not closed: '
-        'copy it again, or repair it with "ros2 bag reindex" or "mcap recover"'
-    )
+                reader = stack.enter_context(Reader(path))
+            except Exception as error:  # whatever a damaged bag makes the reader trip over
+                log.info('%s: metadata.yaml cannot be used (%s)', path, error)
+            else:
+                yield [reader]
+                return
+        files = _storage_files(path) if path.is_dir() else [path]
+        if not files:
+            raise DataError(f'{path}: cannot be opened: metadata.yaml names no file that is here')
+        yield [_open_file(file, stack) for file in files]
+
+
+def _open_file(path: Path, stack: contextlib.ExitStack) -> Reader | Salvage:
+    try:
+        return stack.enter_context(Reader(path))
+    except Exception as error:  # whatever a damaged file makes the reader trip over
+        problem = f'{type(error).__name__}: {error}'
+    try:
+        return salvage(path)
+    except DataError:
+        raise DataError(
+            f'{path}: cannot be opened as a bag ({problem}); it is empty or damaged: copy it '
+            'again, or repair it with "ros2 bag reindex" or "mcap recover"'
+        ) from None
