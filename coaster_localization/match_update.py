@@ -67,11 +67,11 @@ class MatchUpdate:
         p = nav.position + nav.velocity * dt
         s_match = line.project(match.position, self._chainage_of(match))
         i = line.index(s_match)
-        tangent = line.R_nb[i, :, 0]
+        tangent = line.axes[i, :, 0]
         variance = float(tangent @ match.covariance @ tangent)
         s_pred = line.project(p, state.chainage)
-        tangent = line.R_nb[line.index(s_pred), :, 0]
-        along = self._difference(s_match, s_pred)
+        tangent = line.axes[line.index(s_pred), :, 0]
+        along = line.difference(s_match, s_pred) * float(line.stretch[line.index(s_pred)])
         var_pred = float(tangent @ nav.P[0:3, 0:3] @ tangent)
         nis = along**2 / (var_pred + variance)
         self.last_nis = nis
@@ -103,18 +103,17 @@ class MatchUpdate:
         new = nav
         for _ in range(ITERATIONS):
             i = line.index(s)
-            R_line = line.R_nb[i]
+            R_line = line.axes[i]
             nu = -R_line.T @ (nav.position + nav.velocity * dt - line.point(s))
-            nu[0] += self._difference(s_match, s)
-            bend = float(np.hypot(line.curvature[i, 1], line.curvature[i, 2]))
+            nu[0] += line.difference(s_match, s) * line.stretch[i]
             sigma2 = 1.0 / (1.0 / variance + 1.0 / max(prior_var, 1e-6))
-            cross_var = cross + (0.5 * bend * sigma2) ** 2
+            cross_var = cross + (0.5 * line.bend[i] * sigma2) ** 2
             H = np.zeros((3, eskf.ERROR_STATES))
             H[:, eskf.POSITION] = R_line.T
             H[:, eskf.VELOCITY] = R_line.T * dt
             new = eskf.update(nav, nu, H, np.diag([variance, cross_var, cross_var]))
             s_new = line.project(new.position + new.velocity * dt, s)
-            moved = abs(self._difference(s_new, s))
+            moved = abs(line.difference(s_new, s))
             s = s_new
             if moved < 0.05:
                 break
@@ -147,13 +146,6 @@ class MatchUpdate:
         speed = max(float(np.linalg.norm(state.nav.velocity)), 0.5)
         seconds = min(self.config.line_correlation_m / speed, 10.0)
         return self.config.line_sigma_m**2 * self._thinning(state, match, seconds)
-
-    def _difference(self, a: float, b: float) -> float:
-        """Return a - b along the line, the short way round on a closed one."""
-        d = a - b
-        if self.line.closed:
-            d -= self.line.length * round(d / self.line.length)
-        return d
 
     def _chainage_of(self, match: MatchObservation) -> float:
         if np.isfinite(match.chainage):

@@ -69,13 +69,12 @@ class MethodResult:
 def run_methods(
     imu: ImuSeries,
     design: DesignRide,
-    centreline: Centreline,
     config: CoasterConfig,
     methods: Sequence[str],
     progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[MethodResult]:
     """Run ``methods`` (names of METHODS) over a recording; yield each result as it is ready."""
-    runner = _Runner(imu, design, centreline, config)
+    runner = _Runner(imu, design, config)
     for name in methods:
         progress(name)
         yield runner.run(name)
@@ -110,12 +109,10 @@ def observations(match: Match, rate_hz: float) -> list[MatchObservation]:
 class _Runner:
     """Runs methods over one recording and keeps what several of them share."""
 
-    def __init__(
-        self, imu: ImuSeries, design: DesignRide, centreline: Centreline, config: CoasterConfig
-    ) -> None:
+    def __init__(self, imu: ImuSeries, design: DesignRide, config: CoasterConfig) -> None:
         self.imu = apply_mount(imu, config.mount_rpy_deg)
         self.design = design
-        self.line = LineTable(centreline)
+        self.line = LineTable(Centreline.from_design_ride(design))
         self.config = config
         self._matches: dict[str, tuple[Match, float]] = {}
         self._filtered: tuple[CoasterEskf, Trajectory, float] | None = None

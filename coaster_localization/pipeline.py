@@ -279,7 +279,7 @@ class CoasterEskf:
     def _estimate(self, step: ImuStep) -> Estimate:
         assert self.history is not None
         state = self.history.state
-        tangent = self.line.R_nb[self.line.index(state.chainage), :, 0]
+        tangent = self.line.axes[self.line.index(state.chainage), :, 0]
         sigma = float(np.sqrt(tangent @ state.nav.P[0:3, 0:3] @ tangent))
         rate_sigma = self.config.gyro_noise / float(np.sqrt(max(step.dt, 1e-4)))
         rate = step.w - state.nav.gyro_bias

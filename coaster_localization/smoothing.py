@@ -53,7 +53,7 @@ def to_trajectory(
     for k, p in enumerate(position):
         s = line.project(p, s)
         chainage[k] = s
-    tangent = line.R_nb[[line.index(s) for s in chainage], :, 0]
+    tangent = line.axes[[line.index(s) for s in chainage], :, 0]
     speed = np.linalg.norm(velocity, axis=1)
     forward = velocity / np.maximum(speed, 1e-6)[:, None]
     return Trajectory(

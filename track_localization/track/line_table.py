@@ -14,12 +14,19 @@ Array = NDArray[np.float64]
 
 class LineTable:
     """
-    Position, axes and curvature of a line every ``step_m`` metres, linear in between.
+    Points, axes and bend of a line every ``step_m`` metres of chainage, straight in between.
+
+    A seat's path goes by the chainage of the track, and is longer than the track on a crest and
+    shorter in a valley: ``stretch`` metres of path for a metre of chainage.
 
     Attributes:
+        length: of the line in chainage [m].
+        closed: whether the line is a circuit.
+        step_m: between rows [m].
         position: (M, 3) [m].
-        R_nb: (M, 3, 3), columns forward, left, up.
-        curvature: (M, 3) turning of the axes per metre, in the axes themselves [rad/m].
+        axes: (M, 3, 3), columns: along the path, left, up.
+        stretch: (M,) metres of path for a metre of chainage.
+        bend: (M,) curvature of the path [1/m].
     """
 
     def __init__(self, line: Centreline, step_m: float = 0.1) -> None:
@@ -29,8 +36,17 @@ class LineTable:
         self.closed = bool(line.closed)
         self.step_m = float(s[1] - s[0])
         self.position = np.ascontiguousarray(line.position(s))
-        self.R_nb = np.ascontiguousarray(line.attitude(s))
-        self.curvature = np.ascontiguousarray(line.curvature(s))
+        slope = np.gradient(self.position, self.step_m, axis=0)
+        self.stretch = np.maximum(np.linalg.norm(slope, axis=1), 1e-3)
+        tangent = slope / self.stretch[:, None]
+        left = line.attitude(s)[:, :, 1]
+        left = left - tangent * np.einsum('ni,ni->n', left, tangent)[:, None]
+        left /= np.linalg.norm(left, axis=1, keepdims=True)
+        self.axes = np.ascontiguousarray(
+            np.stack([tangent, left, np.cross(tangent, left)], axis=-1)
+        )
+        turn = np.gradient(tangent, self.step_m, axis=0) / self.stretch[:, None]
+        self.bend = np.linalg.norm(turn, axis=1)
         self._tree = cKDTree(self.position)
 
     def index(self, s: float) -> int:
@@ -42,11 +58,16 @@ class LineTable:
     def point(self, s: float) -> Array:
         """Return the position (3,) at ``s``; an open line goes on straight beyond its ends."""
         i = self.index(s)
-        ds = s - i * self.step_m
-        if self.closed:
-            ds -= self.length * round(ds / self.length)
-        point: Array = self.position[i] + self.R_nb[i, :, 0] * ds
+        ds = self.difference(s, i * self.step_m)
+        point: Array = self.position[i] + self.axes[i, :, 0] * (ds * self.stretch[i])
         return point
+
+    def difference(self, a: float, b: float) -> float:
+        """Return the chainage from ``b`` to ``a`` [m], the short way round on a closed line."""
+        d = a - b
+        if self.closed:
+            d -= self.length * round(d / self.length)
+        return d
 
     def nearest(self, p: Array) -> float:
         """Return the chainage of the point nearest to ``p`` (3,) on the whole line [m]."""
@@ -56,26 +77,41 @@ class LineTable:
     def project(self, p: Array, near: float) -> float:
         """Return the chainage whose normal plane holds ``p`` (3,), found from ``near`` [m]."""
         return float(
-            _project(self.position, self.R_nb, self.step_m, self.length, self.closed, p, near)
+            _project(
+                self.position,
+                self.axes,
+                self.stretch,
+                self.step_m,
+                self.length,
+                self.closed,
+                p,
+                near,
+            )
         )
 
 
 @numba.njit(cache=True)
 def _project(
-    position: Array, R: Array, step: float, length: float, closed: bool, p: Array, near: float
+    position: Array,
+    axes: Array,
+    stretch: Array,
+    step: float,
+    length: float,
+    closed: bool,
+    p: Array,
+    near: float,
 ) -> float:
     s = near
     last = len(position) - 1
     for _ in range(10):
         if closed:
             s -= length * np.floor(s / length)
-        i = int(round(s / step))
-        i = min(max(i, 0), last)
+        i = min(max(int(np.rint(s / step)), 0), last)
         along = 0.0
         for j in range(3):
-            along += R[i, j, 0] * (p[j] - position[i, j])
-        # From row i, not from s: the row's own chainage is exact.
-        new = i * step + min(max(along, -2.0), 2.0)
+            along += axes[i, j, 0] * (p[j] - position[i, j])
+        # Counted from row i, whose chainage is exact; a step is bounded where the line bends away.
+        new = i * step + min(max(along / stretch[i], -2.0), 2.0)
         if not closed:
             new = min(max(new, 0.0), length)
         moved = abs(new - s)
