@@ -43,6 +43,7 @@ setup(
         'console_scripts': [
             'imu_publisher = coaster_localization.nodes.imu_publisher:main',
             'sensor_publisher = track_localization.ros.replay:main',
+            'bag_recorder = track_localization.ros.record:main',
             'srdtw_matcher = coaster_localization.nodes.srdtw_matcher:main',
             'coaster_eskf = coaster_localization.nodes.eskf:main',
             'simulate = track_localization.cli.simulate:main',
