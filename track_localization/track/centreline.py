@@ -140,7 +140,10 @@ class Centreline:
             half = 2.0 * self._position.step
         else:
             start = np.broadcast_to(np.asarray(near, dtype=np.float64), np.shape(p)[:-1])
-            start, half = np.ascontiguousarray(start.reshape(-1)), 15.0 if window is None else window
+            start, half = (
+                np.ascontiguousarray(start.reshape(-1)),
+                15.0 if window is None else window,
+            )
         spline = self._position
         found = _project(spline.coefficients, spline.step, self.closed, points, start, half)
         return found.reshape(np.shape(p)[:-1])

@@ -124,7 +124,9 @@ def read_design_ride(path: str | Path) -> DesignRide:
     names = [name.strip().strip('"') for name in lines[0].split(',')] if lines else []
     missing = [name for name in COLUMNS if name not in names]
     if missing:
-        raise DataError(f'{path}: column {", ".join(missing)} missing; expected {",".join(COLUMNS)}')
+        raise DataError(
+            f'{path}: column {", ".join(missing)} missing; expected {",".join(COLUMNS)}'
+        )
     table = _numbers(path, lines[1:], [names.index(name) for name in COLUMNS], len(names))
     return _checked(path, table)
 
@@ -156,7 +158,9 @@ def _checked(path: Path, table: Array) -> DesignRide:
     norm = np.linalg.norm(table[:, 5:9], axis=1)
     bad = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
     if len(bad):
-        raise DataError(f'{path}: row {bad[0] + 2}: qx,qy,qz,qw has length {norm[bad[0]]:.3f}, not 1')
+        raise DataError(
+            f'{path}: row {bad[0] + 2}: qx,qy,qz,qw has length {norm[bad[0]]:.3f}, not 1'
+        )
     return DesignRide(
         time_s=table[:, 0],
         chainage=table[:, 1],

@@ -12,9 +12,7 @@ from track_localization.errors import DataError
 
 Array = NDArray[np.float64]
 
-COLUMNS = tuple(
-    'No.,PosX,PosY,PosZ,FrontX,FrontY,FrontZ,LeftX,LeftY,LeftZ,UpX,UpY,UpZ'.split(',')
-)
+COLUMNS = tuple('No.,PosX,PosY,PosZ,FrontX,FrontY,FrontZ,LeftX,LeftY,LeftZ,UpX,UpY,UpZ'.split(','))
 """Columns as they are written."""
 
 MAP_FROM_FILE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -118,7 +116,9 @@ def _header(path: Path, lines: list[tuple[int, str]]) -> tuple[int, list[str], s
             if len(missing) < len(closest):
                 closest = missing
     if len(closest) < 12:
-        raise DataError(f'{path}: column {", ".join(closest)} missing; expected {",".join(COLUMNS)}')
+        raise DataError(
+            f'{path}: column {", ".join(closest)} missing; expected {",".join(COLUMNS)}'
+        )
     raise DataError(f'{path}: no header line; expected {",".join(COLUMNS)}')
 
 

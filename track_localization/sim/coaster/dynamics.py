@@ -1,0 +1,298 @@
+"""
+How a train runs along its line: forces, integrated in time.
+
+The train is a chain of even mass along the line with one degree of freedom. Its weight then acts
+by the height difference of its two ends; rolling friction acts by the wheel load of each car.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from track_localization import GRAVITY
+from track_localization.sim.coaster.ride_plan import RidePlan
+from track_localization.track.centreline import Centreline
+
+Array = NDArray[np.float64]
+
+AIR_DENSITY = 1.2
+STEP_S = 0.002
+RELEASE_S = 0.6
+LONGEST_S = 900.0
+_KIND = {'tyres': 0, 'chain': 1, 'launch': 2, 'trim': 3, 'brake': 4, 'block': 5, 'station': 6}
+DONE, ROLLED_BACK, STUCK, TOO_LONG = 0, 1, 2, 3
+WHY = {
+    ROLLED_BACK: 'the train rolled back',
+    STUCK: 'the train came to rest',
+    TOO_LONG: f'the ride did not end within {LONGEST_S:.0f} s',
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """
+    Motion of row 1 along the line from dispatch to the last stop.
+
+    Attributes:
+        time_s: (N,) since dispatch, every STEP_S.
+        s, v, a: (N,) chainage, speed and acceleration along the line [m, m/s, m/s^2].
+        outcome: DONE, or why it ended early (a key of WHY).
+    """
+
+    time_s: Array
+    s: Array
+    v: Array
+    a: Array
+    outcome: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """Factors of one run on the plan's values, and the wind."""
+
+    mass: float = 1.0
+    friction: float = 1.0
+    drag: float = 1.0
+    chain: float = 1.0
+    tyres: float = 1.0
+    launch: float = 1.0
+    brake: float = 1.0
+    brake_shift_m: tuple[float, ...] = ()
+    start_shift_m: float = 0.0
+    wind_mps: tuple[float, float] = (0.0, 0.0)
+    gusts: tuple[float, ...] = (1.0,)
+
+
+def run_train(line: Centreline, plan: RidePlan, conditions: Conditions = Conditions()) -> Run:
+    """Run the train of ``plan`` along ``line``; how it ended is in ``outcome``."""
+    train = plan.train
+    directions = np.array([p.direction for p in plan.phases], dtype=np.int64)
+    reversal = np.array([p.ends == 'reversal' for p in plan.phases])
+    holds = np.array([p.hold_s for p in plan.phases])
+    body = np.array(
+        [
+            train.length_m,
+            train.front_m,
+            float(train.cars),
+            train.friction * conditions.friction,
+            0.5
+            * AIR_DENSITY
+            * train.drag_area_m2
+            * conditions.drag
+            / (train.mass_kg * conditions.mass),
+            *conditions.wind_mps,
+        ]
+    )
+    out, count, outcome = _integrate(
+        plan.start_m + conditions.start_shift_m,
+        _line_table(line),
+        line.length,
+        line.closed,
+        _zone_table(plan, conditions),
+        body,
+        np.asarray(conditions.gusts, dtype=np.float64),
+        directions,
+        reversal,
+        holds,
+    )
+    time_s = np.arange(count) * STEP_S
+    return Run(time_s, *(np.ascontiguousarray(out[:count, k]) for k in range(3)), outcome=outcome)
+
+
+def _line_table(line: Centreline) -> Array:
+    """Return (N, 7) every 0.1 m: height, curvature left and up, gravity left and up, course."""
+    grid = np.linspace(0.0, line.length, int(np.ceil(line.length / 0.1)) + 1)
+    R = line.attitude(grid)
+    k = line.curvature(grid)
+    tangent = line.tangent(grid)
+    return np.column_stack(
+        [
+            line.position(grid)[:, 2],
+            k[:, 2],
+            -k[:, 1],
+            GRAVITY * R[:, 2, 1],
+            GRAVITY * R[:, 2, 2],
+            tangent[:, :2],
+        ]
+    )
+
+
+def _zone_table(plan: RidePlan, c: Conditions) -> Array:
+    """Return (Z, 8): kind, start, end, speed, drive, brake, stop, phase of each zone."""
+    rows = []
+    shifts = iter(c.brake_shift_m)
+    for z in plan.zones:
+        start, end, speed, drive, brake = (
+            z.start_m,
+            z.end_m,
+            z.speed_mps,
+            z.accel_mps2,
+            z.brake_mps2,
+        )
+        if z.kind == 'chain':
+            speed *= c.chain
+        elif z.kind == 'launch':
+            drive *= c.launch
+        elif z.kind in ('tyres', 'block', 'station'):
+            speed *= c.tyres
+        if z.kind in ('trim', 'brake', 'block'):
+            brake *= c.brake
+            shift = next(shifts, 0.0)
+            start, end = start + shift, end + shift
+        drive, brake = drive / c.mass, brake / c.mass
+        rows.append([_KIND[z.kind], start, end, speed, drive, brake, z.stop_m, z.phase])
+    return np.array(rows, dtype=np.float64).reshape(-1, 8)
+
+
+@njit(cache=True)
+def _look(table: Array, s: float, length: float, closed: bool, column: int) -> float:
+    if closed:
+        s -= np.floor(s / length) * length
+    n = len(table) - 1
+    x = min(max(s / length, 0.0), 1.0) * n
+    i = min(int(x), n - 1)
+    u = x - i
+    value = table[i, column] * (1.0 - u) + table[i + 1, column] * u
+    if column == 0 and not closed:
+        if s < 0.0:
+            value += (table[1, 0] - table[0, 0]) / (length / n) * s
+        elif s > length:
+            value += (table[n, 0] - table[n - 1, 0]) / (length / n) * (s - length)
+    return value
+
+
+@njit(cache=True)
+def _zone(z: Array, s: float, v: float, train: float, front: float, way: float) -> float:
+    """Return the acceleration that one zone gives, along the direction of travel."""
+    if z[0] == 1.0:
+        middle = s + front - 0.5 * train
+        cover = min(max(middle - z[1], 0.0), max(z[2] - middle, 0.0), 1.0)
+    else:
+        inside = min(s + front, z[2]) - max(s + front - train, z[1])
+        cover = min(max(inside / min(train, z[2] - z[1]), 0.0), 1.0)
+    if cover == 0.0:
+        return 0.0
+    speed, soft = z[3], 0.08 if z[0] == 1.0 else 0.5
+    if z[0] == 6.0:
+        left = way * (z[6] - s)
+        gentle = 0.4 * max(z[5], 0.5)
+        if left > 0.0:
+            speed = min(speed, gentle * 1.2 * (np.sqrt(1.0 + 2.0 * left / (gentle * 1.44)) - 1.0))
+        else:
+            speed = 0.0
+        soft, cover = 0.15, 1.0
+    return cover * min(max((speed - v) / soft, -z[5]), z[4])
+
+
+@njit(cache=True)
+def _acceleration(
+    s: float,
+    v: float,
+    gust: float,
+    way: float,
+    phase: int,
+    table: Array,
+    length: float,
+    closed: bool,
+    zones: Array,
+    body: Array,
+) -> float:
+    train, front, cars = body[0], body[1], int(body[2])
+    nose = _look(table, s + front, length, closed, 0)
+    tail = _look(table, s + front - train, length, closed, 0)
+    a = -GRAVITY * (nose - tail) / train
+    load = 0.0
+    for i in range(cars):
+        x = s + front - (i + 0.5) * train / cars
+        side = v * v * _look(table, x, length, closed, 1) + _look(table, x, length, closed, 3)
+        down = v * v * _look(table, x, length, closed, 2) + _look(table, x, length, closed, 4)
+        load += np.sqrt(side * side + down * down)
+    a -= body[3] * load / cars * np.tanh(v / 0.05)
+    course_x = _look(table, s + front - 0.5 * train, length, closed, 5)
+    course_y = _look(table, s + front - 0.5 * train, length, closed, 6)
+    air = v - gust * (body[5] * course_x + body[6] * course_y)
+    a -= body[4] * air * abs(air)
+    for k in range(len(zones)):
+        if zones[k, 7] < 0.0 or int(zones[k, 7]) == phase:
+            a += way * _zone(zones[k], s, way * v, train, front, way)
+    return a
+
+
+@njit(cache=True)
+def _integrate(
+    start: float,
+    table: Array,
+    length: float,
+    closed: bool,
+    zones: Array,
+    body: Array,
+    gusts: Array,
+    directions: NDArray[np.int64],
+    reversal: NDArray[np.bool_],
+    holds: Array,
+) -> tuple[Array, int, int]:
+    """Step (s, v) by fourth-order Runge-Kutta; return rows of s, v, a, their number, outcome."""
+    h = STEP_S
+    most = int(LONGEST_S / h)
+    out = np.zeros((most, 3))
+    s, v, phase, released, hold_until, still = start, 0.0, 0, 0.0, -1.0, 0.0
+    for n in range(most):
+        t = n * h
+        way = float(directions[phase])
+        out[n, 0], out[n, 1], out[n, 2] = s, v, 0.0
+        if hold_until >= 0.0:
+            if t < hold_until:
+                continue
+            phase += 1
+            if phase == len(directions):
+                return out, n + 1, 0
+            hold_until, released, still = -1.0, t, 0.0
+            way = float(directions[phase])
+        x = min(t * 2.0, len(gusts) - 1.0)
+        g0 = gusts[int(x)]
+        g = g0 + (x - int(x)) * (gusts[min(int(x) + 1, len(gusts) - 1)] - g0)
+        u = min((t - released) / RELEASE_S, 1.0) if hold_until < 0.0 else 1.0
+        ramp = u * u * (3.0 - 2.0 * u)
+        u2 = min((t + 0.5 * h - released) / RELEASE_S, 1.0)
+        ramp2 = u2 * u2 * (3.0 - 2.0 * u2)
+        u3 = min((t + h - released) / RELEASE_S, 1.0)
+        ramp3 = u3 * u3 * (3.0 - 2.0 * u3)
+        a1 = ramp * _acceleration(s, v, g, way, phase, table, length, closed, zones, body)
+        v2, s2 = v + 0.5 * h * a1, s + 0.5 * h * v
+        a2 = ramp2 * _acceleration(s2, v2, g, way, phase, table, length, closed, zones, body)
+        v3, s3 = v + 0.5 * h * a2, s + 0.5 * h * v2
+        a3 = ramp2 * _acceleration(s3, v3, g, way, phase, table, length, closed, zones, body)
+        v4, s4 = v + h * a3, s + h * v3
+        a4 = ramp3 * _acceleration(s4, v4, g, way, phase, table, length, closed, zones, body)
+        out[n, 2] = a1
+        s += h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
+        v += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+        still = still + h if abs(v) < 0.01 else 0.0
+        if reversal[phase]:
+            if way * v < 0.0:
+                phase += 1
+                if phase == len(directions):
+                    return out, n + 1, 0
+                released = t - RELEASE_S
+        elif way * v < -0.05:
+            return out, n + 1, 1
+        elif t - released > 2.0 and way * v < 0.003 and _stopping(zones, s, phase, way):
+            v, hold_until = 0.0, t + h + holds[phase]
+        elif still > 20.0:
+            return out, n + 1, 2
+    return out, most, 3
+
+
+@njit(cache=True)
+def _stopping(zones: Array, s: float, phase: int, way: float) -> bool:
+    """Whether row 1 has arrived at a station's stopping point."""
+    for k in range(len(zones)):
+        z = zones[k]
+        active = z[7] < 0.0 or int(z[7]) == phase
+        if z[0] == 6.0 and active and z[1] <= s <= z[2] and way * (z[6] - s) < 0.1:
+            return True
+    return False
