@@ -31,6 +31,8 @@ TOO_SLOW_HZ = 8.0
 """Below this the low-pass of the matcher (1.25 Hz and its shoulders) has too little to work on."""
 FASTEST_TURN = 12.0
 """No ride turns faster [rad/s]; a rate above it all the time is in deg/s."""
+REST_SHARE = 0.015
+"""Of the strongest tenth's force: what still counts as noise at rest, 0.15 to 0.3 m/s^2."""
 AXES = 'xyz'
 
 
@@ -132,24 +134,32 @@ def _in_g(imu: ImuSeries) -> bool:
 
 def quiet_force(imu: ImuSeries, window_s: float = 1.0) -> Array | None:
     """
-    Return the mean force (3,) over the quietest window, in the recording's own units.
+    Return the mean force (3,) at rest, in the recording's own units.
 
-    None when even there it varies by more than a tenth of its usual length, or when the recording
-    is shorter than three windows.
+    Rest is the first window that varies at most twice as much as the quietest one. None when even
+    there the force varies by more than ``REST_SHARE`` of the ride's strong forces, or the sensor
+    turns, or when the recording is shorter than three windows.
     """
     step = float(np.median(np.diff(imu.time_s))) if len(imu) > 1 else np.inf
     size = max(3, round(window_s / step)) if step > 0.0 and np.isfinite(step) else 3
-    if len(imu) < 3 * size:
-        return None
     n = len(imu) // size
+    if n < 3:
+        return None
     windows = imu.specific_force[: n * size].reshape(n, size, 3)
     spread = windows.std(axis=1).max(axis=1)
-    quietest = int(np.argmin(spread))
-    usual = float(np.median(np.linalg.norm(imu.specific_force, axis=1)))
-    if spread[quietest] > 0.1 * usual:
+    first = int(np.argmax(spread <= 2.0 * spread.min()))
+    if spread[first] > REST_SHARE * _strong(imu.specific_force):
         return None
-    mean: Array = windows[quietest].mean(axis=0)
+    rate = imu.angular_rate[first * size : (first + 1) * size].mean(axis=0)
+    if imu.has_gyro and np.linalg.norm(rate) > max(0.05, 0.05 * _strong(imu.angular_rate)):
+        return None
+    mean: Array = windows[first].mean(axis=0)
     return mean
+
+
+def _strong(values: Array) -> float:
+    """Return the length that a tenth of the vectors (N, 3) exceed."""
+    return float(np.percentile(np.linalg.norm(values, axis=1), 90))
 
 
 def _rejections(rejected: Mapping[str, int]) -> Iterator[Finding]:
@@ -216,7 +226,7 @@ def _gyro(imu: ImuSeries) -> Iterator[Finding]:
             'error', 'the gyroscope sends zeros', f'{plain}; mend the driver for the other methods'
         )
         return
-    usual = float(np.percentile(np.linalg.norm(rate, axis=1), 90))
+    usual = _strong(rate)
     if usual > FASTEST_TURN:
         yield Finding(
             'error',
@@ -300,6 +310,6 @@ def _mount(up: Array) -> Iterator[Finding]:
     yield Finding(
         'warning' if tilt > 30.0 else 'info',
         f'at rest gravity is felt on {where}, {tilt:.0f} deg from z',
-        f'Set mount_rpy_deg to [{roll:.0f}, {pitch:.0f}, YAW], YAW being the turn about the '
+        f'Set mount_rpy_deg to [{round(roll)}, {round(pitch)}, YAW], YAW being the turn about the '
         'vertical that rest cannot show',
     )

@@ -1,0 +1,59 @@
+"""One reader for bags and phone exports."""
+
+import numpy as np
+import pytest
+
+from track_localization.errors import DataError
+from track_localization.estimation.imu import ImuSeries
+from track_localization.estimation.trajectory import Trajectory
+from track_localization.io.bags import BagWriter
+from track_localization.io.recording import read_recording
+
+G = 9.80665
+N = 2000
+
+
+def still(scale=1.0):
+    noise = np.random.default_rng(1).normal(scale=0.01, size=(2, N, 3))
+    return ImuSeries(np.arange(N) / 100.0, scale * (noise[0] + [0, 0, G]), noise[1])
+
+
+def test_a_bag_with_truth_and_a_phone_without(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.write_imu('imu/data_raw', still())
+        writer.write_odometry('ground_truth/odometry', Trajectory(np.arange(5.0), np.ones((5, 3))))
+    found = read_recording(tmp_path / 'bag')
+    assert (found.kind, len(found.imu), len(found.truth)) == ('bag', N, 5)
+    assert found.findings == []
+    assert found.rejected == {}
+    phone = tmp_path / 'phone'
+    phone.mkdir()
+    imu = still()
+    rows = [
+        f'{round(t * 1e9)},{t},{f[2]},{f[1]},{f[0]}\n'
+        for t, f in zip(imu.time_s, imu.specific_force, strict=True)
+    ]
+    (phone / 'TotalAcceleration.csv').write_text('time,seconds_elapsed,z,y,x\n' + ''.join(rows))
+    found = read_recording(phone)
+    assert (found.kind, found.truth) == ('phone', None)
+    np.testing.assert_allclose(found.imu.specific_force, imu.specific_force)
+    assert [finding.what for finding in found.findings] == ['no gyroscope']
+
+
+def test_a_bag_in_g_is_converted_with_a_note(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.write_imu('imu/data_raw', still(1.0 / G))
+    found = read_recording(tmp_path / 'bag')
+    np.testing.assert_allclose(found.imu.specific_force, still().specific_force)
+    assert [finding.severity for finding in found.findings] == ['info']
+    assert 'error' in [f.severity for f in read_recording(tmp_path / 'bag', units='si').findings]
+
+
+def test_neither_of_the_two(tmp_path):
+    with pytest.raises(DataError, match='neither a ROS 2 bag'):
+        read_recording(tmp_path)
+    with pytest.raises(DataError, match='no such file'):
+        read_recording(tmp_path / 'nothing')
+    (tmp_path / 'notes.txt').write_text('hello')
+    with pytest.raises(DataError, match=r'notes\.txt'):
+        read_recording(tmp_path / 'notes.txt')
