@@ -75,17 +75,15 @@ class BagWriter:
 
     def write_imu(self, topic: str, series: ImuSeries, frame_id: str = 'imu_link') -> None:
         """Write sensor_msgs/Imu, logged at their own stamps; NaN rates become "no gyro"."""
-        for i in range(len(series)):
-            message = codec.imu_message(series, i, frame_id)
-            self.write(topic, codec.IMU, codec.header_ns(message), message)
+        for ns, cdr in codec.imu_cdrs(series, frame_id):
+            self.write_raw(topic, codec.IMU, ns, cdr)
 
     def write_odometry(
         self, topic: str, trajectory: Trajectory, frame_id: str = 'map', child: str = 'base_link'
     ) -> None:
         """Write nav_msgs/Odometry, logged at their own stamps, the twist in the body's axes."""
-        for i in range(len(trajectory)):
-            message = codec.odometry_message(trajectory, i, frame_id, child)
-            self.write(topic, codec.ODOMETRY, codec.header_ns(message), message)
+        for ns, cdr in codec.odometry_cdrs(trajectory, frame_id, child):
+            self.write_raw(topic, codec.ODOMETRY, ns, cdr)
 
     def write_pose(
         self,
@@ -104,16 +102,10 @@ class BagWriter:
         the position [m^2], ``quaternion`` (N, 4) xyzw, ``log_time_s`` (N,) times of arrival
         (default: the stamps).
         """
-        logged = time_s if log_time_s is None else log_time_s
-        for i in range(len(time_s)):
-            message = codec.pose_message(
-                float(time_s[i]),
-                position[i],
-                None if covariance is None else covariance[i],
-                None if quaternion is None else quaternion[i],
-                frame_id,
-            )
-            self.write(topic, codec.POSE, codec.stamp_ns(float(logged[i])), message)
+        logged = (time_s if log_time_s is None else log_time_s).tolist()
+        cdrs = codec.pose_cdrs(time_s, position, covariance, quaternion, frame_id)
+        for time, (_, cdr) in zip(logged, cdrs, strict=True):
+            self.write_raw(topic, codec.POSE, codec.stamp_ns(time), cdr)
 
     def _clear(self) -> None:
         """Remove the bag (or empty folder) in the way, or raise DataError."""

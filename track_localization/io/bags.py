@@ -93,10 +93,9 @@ def raw_messages(
     path = Path(path)
     with _open(path) as readers:
         names = _names(path, _topics(readers), topics)
-        read, expected, problem = 0, 0, ''
+        read, expected, least, problem = 0, 0, 0, ''
         for reader in readers:
-            if isinstance(reader, Salvage):
-                problem = 'cut short or never closed'
+            least += reader.lost if isinstance(reader, Salvage) else 0
             connections = [c for c in reader.connections if c.topic in names]
             expected += sum(c.msgcount for c in connections)
             if not connections:
@@ -109,14 +108,17 @@ def raw_messages(
                     break
                 except Exception as error:  # whatever the decoder of a damaged file trips over
                     problem = f'{type(error).__name__}: {error}'
+                    least += 1
                     break
                 read += 1
                 yield names[connection.topic], connection.msgtype, time_ns, bytes(cdr)
-    lost = max(expected - read, 1 if problem else 0)
+    lost = max(expected - read, least)
     if lost:
         said = f'{path}: damaged: {lost} of {read + lost} messages cannot be read'
         if rejected is None or not read:
-            raise DataError(f'{said} ({problem or "missing"}); copy it again or repair it')
+            raise DataError(
+                f'{said} ({problem or "the file is incomplete"}); copy it again or repair it'
+            )
         rejected['unreadable'] = rejected.get('unreadable', 0) + lost
         log.warning('%s', said)
 

@@ -92,7 +92,7 @@ def inspect_imu(imu: ImuSeries, rejected: Mapping[str, int] | None = None) -> li
         imu: the samples in SI units, as far as one knows, in the sensor's axes.
         rejected: counts of what reading and cleaning dropped.
     """
-    findings = list(_rejections(rejected or {}))
+    findings = list(_rejections(rejected or {}, len(imu)))
     if len(imu) < 2:
         findings.append(Finding('error', f'{len(imu)} samples', 'Record a whole ride'))
         return findings
@@ -162,12 +162,13 @@ def _strong(values: Array) -> float:
     return float(np.percentile(np.linalg.norm(values, axis=1), 90))
 
 
-def _rejections(rejected: Mapping[str, int]) -> Iterator[Finding]:
+def _rejections(rejected: Mapping[str, int], kept: int) -> Iterator[Finding]:
     for reason, n in rejected.items():
         severity, what, remedy = REJECTIONS.get(
             reason, ('warning', f'samples rejected: {reason}', 'They are left out')
         )
-        yield Finding(severity, f'{n} {what}', remedy)
+        most = reason != 'no_header_stamp' and n > kept
+        yield Finding('error' if most else severity, f'{n} {what}', remedy)
 
 
 def _clock(imu: ImuSeries) -> Iterator[Finding]:

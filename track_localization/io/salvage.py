@@ -1,5 +1,5 @@
 """
-What can still be read of a storage file that no longer opens: cut short, or never closed.
+What can still be read of a storage file that does not open: cut short, never closed, or odd.
 
 The file is read from its beginning for as long as its records make sense.
 """
@@ -17,7 +17,7 @@ from rosbags.rosbag2.storage_mcap import decompress
 
 from track_localization.errors import DataError
 
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS = 0x03, 0x04, 0x05, 0x06, 0x0B
 MCAP_MAGIC = b'\x89MCAP0\r\n'
 
 
@@ -32,12 +32,20 @@ class Channel:
 
 
 class Salvage:
-    """A stand-in for rosbags' Reader over the messages that were saved, by log time."""
+    """
+    A stand-in for rosbags' Reader over the messages that were saved, by log time.
+
+    ``lost`` is how many messages of all topics are missing at least.
+    """
 
     def __init__(
-        self, topics: dict[int, tuple[str, str]], rows: list[tuple[int, int, bytes]]
+        self,
+        topics: dict[int, tuple[str, str]],
+        rows: list[tuple[int, int, bytes]],
+        written: int | None = None,
     ) -> None:
-        """Take {id: (topic, type)} and rows of (id, log time [ns], CDR bytes)."""
+        """Take {id: (topic, type)}, rows of (id, log time [ns], CDR bytes), their true number."""
+        self.lost = 1 if written is None else max(written - len(rows), 0)
         rows = [row for row in rows if row[0] in topics]
         self._rows = sorted(rows, key=lambda row: row[1])
         self.connections = [
@@ -71,16 +79,21 @@ def _mcap(path: Path) -> Salvage:
     schemas: dict[int, str] = {0: ''}
     channels: dict[int, tuple[str, str]] = {}
     rows: list[tuple[int, int, bytes]] = []
+    written = None
     for op, body in _mcap_records(content[len(MCAP_MAGIC) :]):
         if op == SCHEMA:
             schemas[struct.unpack_from('<H', body)[0]] = _text(body, 2)[0]
         elif op == CHANNEL:
             key, schema = struct.unpack_from('<HH', body)
-            channels[key] = (_text(body, 4)[0], schemas.get(schema, ''))
+            topic, at = _text(body, 4)
+            if _text(body, at)[0] == 'cdr':
+                channels[key] = (topic, schemas.get(schema, ''))
         elif op == MESSAGE and len(body) >= 22:
             key, _, time_ns = struct.unpack_from('<HIQ', body)
             rows.append((key, time_ns, body[22:]))
-    return Salvage(channels, rows)
+        elif op == STATISTICS:
+            (written,) = struct.unpack_from('<Q', body)
+    return Salvage(channels, rows, written)
 
 
 def _mcap_records(content: bytes) -> Iterator[tuple[int, bytes]]:
@@ -93,8 +106,6 @@ def _mcap_records(content: bytes) -> Iterator[tuple[int, bytes]]:
         at += 9 + size
         if op == CHUNK:
             yield from _mcap_records(_chunk(body))
-        elif op == DATA_END:  # what follows repeats the schemas and channels
-            return
         elif whole:
             yield op, body
 

@@ -107,6 +107,36 @@ def test_a_db3_alone_and_a_split_recording(tmp_path):
     np.testing.assert_array_equal(joined.time_s, [200.5, 201.5, 202.5, 1000.5, 1001.5, 1002.5])
 
 
+def test_an_mcap_without_the_ros2_profile_is_whole(tmp_path):
+    """Other tools write ROS 2 messages without naming the profile: nothing is lost or blamed."""
+    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(5))})
+    content = (tmp_path / 'b' / 'b.mcap').read_bytes()
+    (tmp_path / 'other.mcap').write_bytes(content.replace(b'\x04\0\0\0ros2', b'\x04\0\0\0mine', 1))
+    series, rejected = bags.read_imu(tmp_path / 'other.mcap')
+    assert len(series) == 5
+    assert rejected == {}
+
+
+def test_series_are_written_as_rosbags_serialises_each_message(tmp_path):
+    """The bulk writer's bytes decode to the fields that were given, frame ids included."""
+    with BagWriter(tmp_path / 'b') as writer:
+        writer.write_imu('imu/data_raw', imu_series(3), frame_id='phone')
+        pose = np.arange(3.0)[None]
+        writer.write_pose('p', np.array([2.5]), pose, quaternion=np.array([[0.0, 0.6, 0.0, 0.8]]))
+    *imus, (_, _, pose) = sorted(bags.messages(tmp_path / 'b'), key=lambda m: m[0])
+    for k, (_, log_ns, message) in enumerate(imus):
+        assert log_ns == 5_000_000_000 + k * 10_000_000
+        assert message.header.stamp.nanosec == k * 10_000_000
+        assert message.header.frame_id == 'phone'
+        assert message.orientation.w == 1.0
+        assert message.orientation_covariance[0] == -1.0
+        assert message.linear_acceleration_covariance[0] == 0.0
+        assert message.linear_acceleration.y == imu_series(3).specific_force[k, 1]
+        assert message.angular_velocity.z == imu_series(3).angular_rate[k, 2]
+    assert pose.header.stamp.nanosec == 500_000_000
+    assert (pose.pose.pose.orientation.y, pose.pose.pose.orientation.w) == (0.6, 0.8)
+
+
 def test_no_gyro_is_kept_as_no_gyro(tmp_path):
     series = imu_series(10)
     series.angular_rate[:] = np.nan

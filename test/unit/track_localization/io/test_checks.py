@@ -76,6 +76,9 @@ def test_rejections_are_passed_on():
     assert '12 samples repeat a stamp' in text
     assert '3 samples are stamped earlier' in text
     assert 'odd_reason' in text
+    assert all(finding.severity == 'warning' for finding in findings)
+    (finding,) = inspect_imu(ride(), {'backward_time': 5000})
+    assert finding.severity == 'error'
 
 
 def test_force_in_g_is_told_and_converted():
