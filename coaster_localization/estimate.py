@@ -43,7 +43,7 @@ class Estimate:
         angular_rate: (3,) in the body [rad/s].
         rate_sigma: standard deviation of the rate's noise [rad/s].
         chainage: along the line [m].
-        sigma_along: standard deviation of the position along the line [m].
+        tangent: (3,) of the line there, in ``map``.
     """
 
     time_s: float
@@ -51,7 +51,12 @@ class Estimate:
     angular_rate: Array
     rate_sigma: float
     chainage: float
-    sigma_along: float
+    tangent: Array
+
+    @property
+    def sigma_along(self) -> float:
+        """Standard deviation of the position along the line [m]."""
+        return float(np.sqrt(self.tangent @ self.nav.P[0:3, 0:3] @ self.tangent))
 
     @property
     def position(self) -> Array:

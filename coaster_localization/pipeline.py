@@ -7,6 +7,7 @@ recording; both get the same numbers. A match is fused at its own stamp, however
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -144,8 +145,7 @@ class CoasterEskf:
         }
 
     def _push_imu(self, sample: ImuSample) -> list[Estimate]:
-        finite = np.isfinite(sample.specific_force).all() and np.isfinite(sample.angular_rate).all()
-        if not finite:
+        if not math.isfinite(sample.specific_force.sum() + sample.angular_rate.sum()):
             self._rejections.add('imu', 'not_finite')
             return []
         verdict = self._clock.check(sample.time_s)
@@ -237,7 +237,7 @@ class CoasterEskf:
 
     def noise(self, step: ImuStep, dt: float) -> Array:
         """Return a step's process noise (4,): IMU, vibration, and what a gap leaves unknown."""
-        extra = self.config.vibration_gain * step.vibration * np.sqrt(dt)
+        extra = self.config.vibration_gain * step.vibration * math.sqrt(dt)
         q = eskf.process_noise(self._noise, step.f, step.w, dt, extra)
         if dt > GAP_S:
             q[0] += (GAP_ACCEL * dt) ** 2
@@ -280,7 +280,6 @@ class CoasterEskf:
         assert self.history is not None
         state = self.history.state
         tangent = self.line.axes[self.line.index(state.chainage), :, 0]
-        sigma = float(np.sqrt(tangent @ state.nav.P[0:3, 0:3] @ tangent))
-        rate_sigma = self.config.gyro_noise / float(np.sqrt(max(step.dt, 1e-4)))
+        rate_sigma = self.config.gyro_noise / math.sqrt(max(step.dt, 1e-4))
         rate = step.w - state.nav.gyro_bias
-        return Estimate(step.time_s, state.nav, rate, rate_sigma, state.chainage, sigma)
+        return Estimate(step.time_s, state.nav, rate, rate_sigma, state.chainage, tangent)

@@ -13,7 +13,7 @@ from coaster_localization.pipeline import CoasterEskf
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.imu_monitor import ImuStep
-from track_localization.estimation.smoother import Step, rts_smooth
+from track_localization.estimation.smoother import rts_smooth
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.line_table import LineTable
 
@@ -93,16 +93,11 @@ def smooth(filter_: CoasterEskf) -> Trajectory:
     """
     times, x, P, steps = _epochs(filter_)
 
-    def prediction(k: int) -> Step:
-        state = eskf.State(times[k], x[k], P[k])
-        step = steps[k + 1]
-        dt = times[k + 1] - times[k]
-        q = filter_.noise(step, dt)
-        predicted = eskf.propagate(state, step.f, step.w, dt, q)
-        F = eskf.transition(state, step.f, step.w, dt)
-        return Step(predicted.x, predicted.P, F)
+    def predict(k: int) -> tuple[Array, Array, Array]:
+        step, dt = steps[k + 1], times[k + 1] - times[k]
+        return eskf.predict(x[k], P[k], step.f, step.w, dt, filter_.noise(step, dt))
 
-    x_s, P_s = rts_smooth(x, P, prediction, eskf.box_minus, eskf.box_plus)
+    x_s, P_s = rts_smooth(x, P, predict, eskf.box_minus, eskf.box_plus)
     blocks = np.array([p[0:6, 0:6] for p in P_s]).reshape(-1, 6, 6)
     return to_trajectory(
         np.array(times), np.array(x_s), blocks[:, 0:3, 0:3], blocks[:, 3:6, 3:6], filter_.line

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation.so3 import exp_one, log, normalised_one
+from track_localization.estimation.so3 import exp_one, log_one, normalised_one
 from track_localization.estimation.strapdown import dead_reckon_one
 
 Array = NDArray[np.float64]
@@ -132,14 +132,15 @@ def process_noise(noise: ImuNoise, f: Array, w: Array, dt: float, extra_accel: f
     rate, ``extra_accel`` [m/s^2/sqrt(Hz)] is what vibration adds.
     """
     scale = 2.0 * noise.scale_time_s
-    force2, rate2 = float(f @ f), float(w @ w)
+    force2 = float(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    rate2 = float(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     return np.array(
-        [
+        (
             (noise.accel**2 + extra_accel**2 + scale * noise.accel_scale**2 * force2) * dt,
             (noise.gyro**2 + scale * noise.gyro_scale**2 * rate2) * dt,
             noise.accel_walk**2 * dt,
             noise.gyro_walk**2 * dt,
-        ]
+        )
     )
 
 
@@ -149,8 +150,16 @@ def propagate(state: State, f: Array, w: Array, dt: float, q: Array) -> State:
 
     ``q`` (4,) as ``process_noise`` gives it.
     """
-    x, P = _propagate(state.x, state.P, f, w, dt, q)
+    x, P, _ = _propagate(state.x, state.P, f, w, dt, q)
     return State(state.time_s + dt, x, P)
+
+
+def predict(
+    x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
+) -> tuple[Array, Array, Array]:
+    """Return nominal state, covariance and transition F of one step: what a smoother needs."""
+    out: tuple[Array, Array, Array] = _propagate(x, P, f, w, dt, q)
+    return out
 
 
 def innovation_covariance(state: State, H: Array, R: Array) -> Array:
@@ -183,9 +192,19 @@ def box_plus(x: Array, error: Array) -> Array:
 
 def box_minus(x: Array, reference: Array) -> Array:
     """Return the error (18,) that takes ``reference`` (24,) to ``x``: the inverse of box_plus."""
-    R = x[6:15].reshape(3, 3)
-    R_ref = reference[6:15].reshape(3, 3)
-    return np.concatenate([x[0:6] - reference[0:6], log(R_ref.T @ R), x[15:24] - reference[15:24]])
+    out: Array = _box_minus(x, reference)
+    return out
+
+
+@numba.njit(cache=True)
+def _box_minus(x: Array, reference: Array) -> Array:
+    out = np.empty(18)
+    out[0:6] = x[0:6] - reference[0:6]
+    R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
+    R_ref = np.ascontiguousarray(reference[6:15]).reshape((3, 3))
+    out[6:9] = log_one(np.ascontiguousarray(R_ref.T) @ R)
+    out[9:18] = x[15:24] - reference[15:24]
+    return out
 
 
 @numba.njit(cache=True)
@@ -221,17 +240,15 @@ def _transition(x: Array, f: Array, w: Array, dt: float) -> Array:
 
 
 @numba.njit(cache=True)
-def _propagate(x: Array, P: Array, f: Array, w: Array, dt: float, q: Array) -> tuple[Array, Array]:
+def _propagate(
+    x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
+) -> tuple[Array, Array, Array]:
     F = _transition(x, f, w, dt)
     out = x.copy()
     R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
     p, v, R_new = dead_reckon_one(x[0:3], x[3:6], R, f - x[15:18], w - x[18:21], x[21:24], dt)
     out[0:3], out[3:6], out[6:15] = p, v, R_new.ravel()
-    # Rows 9:18 of F are those of the identity: only the first nine rows of P change.
-    FP = P.copy()
-    FP[0:9] = F[0:9] @ P
-    P_new = FP.copy()
-    P_new[:, 0:9] = FP @ np.ascontiguousarray(F[0:9].T)
+    P_new = _sandwich(F, P)
     for i in range(3):
         P_new[i, i] += q[0] * dt * dt / 3.0
         P_new[i, 3 + i] += q[0] * dt / 2.0
@@ -240,7 +257,30 @@ def _propagate(x: Array, P: Array, f: Array, w: Array, dt: float, q: Array) -> t
         P_new[6 + i, 6 + i] += q[1]
         P_new[9 + i, 9 + i] += q[2]
         P_new[12 + i, 12 + i] += q[3]
-    return out, 0.5 * (P_new + P_new.T)
+    return out, P_new, F
+
+
+@numba.njit(cache=True)
+def _sandwich(F: Array, P: Array) -> Array:
+    """Return F P F', exactly symmetric. Rows 9:18 of F are those of the identity."""
+    FP = P.copy()
+    for i in range(9):
+        for j in range(18):
+            FP[i, j] = 0.0
+        for k in range(18):
+            value = F[i, k]
+            if value != 0.0:
+                for j in range(18):
+                    FP[i, j] += value * P[k, j]
+    out = FP.copy()
+    for j in range(9):
+        for i in range(j, 18):
+            total = 0.0
+            for k in range(18):
+                total += FP[i, k] * F[j, k]
+            out[i, j] = total
+            out[j, i] = total
+    return out
 
 
 @numba.njit(cache=True)

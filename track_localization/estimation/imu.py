@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +63,9 @@ def clean(series: ImuSeries) -> tuple[ImuSeries, dict[str, int]]:
     Drop samples that cannot be used, and count them by reason.
 
     Reasons: ``not_finite`` (a stamp or force that is NaN or infinite, or a rate where others have
-    one), ``repeated_time``, ``backward_time`` (not later than the latest kept stamp). The first
-    sample kept is the first finite one.
+    one), ``repeated_time``, ``backward_time`` (not later than the latest kept stamp). Where that
+    rule would cost more than a tenth of the recording (one stamp years ahead, a clock that starts
+    over), as few samples as possible are dropped instead, and counted as ``time_jump``.
     """
     finite = np.isfinite(series.time_s) & np.isfinite(series.specific_force).all(axis=1)
     if series.has_gyro:
@@ -71,9 +73,29 @@ def clean(series: ImuSeries) -> tuple[ImuSeries, dict[str, int]]:
     kept = series[finite]
     latest = np.maximum.accumulate(np.concatenate([[-np.inf], kept.time_s]))[:-1]
     repeated, backward = kept.time_s == latest, kept.time_s < latest
-    counts = {
-        'not_finite': int((~finite).sum()),
-        'repeated_time': int(repeated.sum()),
-        'backward_time': int(backward.sum()),
-    }
-    return kept[~(repeated | backward)], {k: n for k, n in counts.items() if n}
+    counts = {'not_finite': int((~finite).sum())}
+    if (repeated | backward).sum() > 0.1 * len(kept):
+        keep = _longest_increasing(kept.time_s)
+        counts['time_jump'] = int((~keep).sum())
+    else:
+        keep = ~(repeated | backward)
+        counts['repeated_time'], counts['backward_time'] = int(repeated.sum()), int(backward.sum())
+    return kept[keep], {reason: n for reason, n in counts.items() if n}
+
+
+def _longest_increasing(values: Array) -> NDArray[np.bool_]:
+    """Return a mask (N,) of a longest strictly increasing subsequence (patience sorting)."""
+    tails: list[float] = []
+    ends: list[int] = []
+    before = np.full(len(values), -1)
+    for i, value in enumerate(values.tolist()):
+        pile = bisect_left(tails, value)
+        before[i] = ends[pile - 1] if pile else -1
+        tails[pile : pile + 1] = [value]
+        ends[pile : pile + 1] = [i]
+    mask = np.zeros(len(values), dtype=bool)
+    i = ends[-1] if ends else -1
+    while i >= 0:
+        mask[i] = True
+        i = int(before[i])
+    return mask

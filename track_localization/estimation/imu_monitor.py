@@ -59,31 +59,28 @@ class ImuMonitor:
 
     def push(self, sample: ImuSample) -> ImuStep:
         """Return the step that ends at ``sample``; of the first sample, one of no length."""
-        f, w = sample.specific_force, sample.angular_rate
-        if self._last is None:
-            self._m[0] = self._m[1] = f
-            self._m[2] = w
-            self._last = sample
-        dt = sample.time_s - self._last.time_s
-        _advance(self._m, f, w, dt)
-        m = self._m
-        step = ImuStep(
-            sample.time_s,
-            dt,
-            0.5 * (self._last.specific_force + f),
-            0.5 * (self._last.angular_rate + w),
-            float(np.sqrt(m[5].sum() / 3.0)),
-            m[1].copy(),
-            m[2].copy(),
-            float(np.sqrt(m[3].max())),
-            float(np.sqrt(m[4].max())),
-        )
+        last = self._last
+        if last is None:
+            last = sample
+            self._m[0] = self._m[1] = sample.specific_force
+            self._m[2] = sample.angular_rate
         self._last = sample
-        return step
+        dt = sample.time_s - last.time_s
+        f_step, w_step, f_mean, w_mean, vibration, f_std, w_std = _advance(
+            self._m,
+            last.specific_force,
+            last.angular_rate,
+            sample.specific_force,
+            sample.angular_rate,
+            dt,
+        )
+        return ImuStep(sample.time_s, dt, f_step, w_step, vibration, f_mean, w_mean, f_std, w_std)
 
 
 @numba.njit(cache=True)
-def _advance(m: Array, f: Array, w: Array, dt: float) -> None:
+def _advance(
+    m: Array, f_last: Array, w_last: Array, f: Array, w: Array, dt: float
+) -> tuple[Array, Array, Array, Array, float, float, float]:
     fast = dt / (dt + 1.0 / (2.0 * np.pi * HIGH_PASS_HZ))
     slow = dt / (dt + AVERAGE_S)
     for i in range(3):
@@ -95,6 +92,10 @@ def _advance(m: Array, f: Array, w: Array, dt: float) -> None:
         m[3, i] += slow * (df * df - m[3, i])
         m[4, i] += slow * (dw * dw - m[4, i])
         m[5, i] += slow * (high * high - m[5, i])
+    vibration = np.sqrt((m[5, 0] + m[5, 1] + m[5, 2]) / 3.0)
+    f_std, w_std = np.sqrt(m[3].max()), np.sqrt(m[4].max())
+    f_step, w_step = 0.5 * (f_last + f), 0.5 * (w_last + w)
+    return f_step, w_step, m[1].copy(), m[2].copy(), vibration, f_std, w_std
 
 
 class ClockGuard:

@@ -9,7 +9,6 @@ prediction from it to the next step. Nominal states are compared and corrected b
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -18,38 +17,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Step(NamedTuple):
-    """
-    One prediction of the forward pass.
-
-    Attributes:
-        x_pred: nominal state predicted for the next epoch, before its updates.
-        P_pred: (n, n) its covariance.
-        F: (n, n) error transition that led to it.
-    """
-
-    x_pred: Array
-    P_pred: Array
-    F: Array
-
-
 def rts_smooth(
     x: Sequence[Array],
     P: Sequence[Array],
-    step: Callable[[int], Step],
+    predict: Callable[[int], tuple[Array, Array, Array]],
     box_minus: Callable[[Array, Array], Array],
     box_plus: Callable[[Array, Array], Array],
 ) -> tuple[list[Array], list[Array]]:
     """
     Return smoothed nominal states and covariances at every epoch.
 
-    ``x[k]``, ``P[k]`` are the filter's after epoch k; ``step(k)`` gives the prediction from epoch k
-    to k + 1 (recomputed on demand: it is cheaper to repeat than to keep).
+    ``x[k]``, ``P[k]`` are the filter's after epoch k; ``predict(k)`` gives the nominal state, the
+    covariance and the error transition F from epoch k to k + 1, before that epoch's updates
+    (recomputed on demand: cheaper to repeat than to keep).
     """
     n = len(x)
     x_s, P_s = list(x), list(P)
     for k in range(n - 2, -1, -1):
-        x_pred, P_pred, F = step(k)
+        x_pred, P_pred, F = predict(k)
         error = box_minus(x_s[k + 1], x_pred)
         correction, P_s[k] = _backward(P[k], P_pred, F, P_s[k + 1], error)
         x_s[k] = box_plus(x[k], correction)

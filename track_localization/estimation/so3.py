@@ -92,6 +92,20 @@ def exp_one(theta: Array) -> Array:
 
 
 @numba.njit(cache=True)
+def log_one(R: Array) -> Array:
+    """Return the rotation vector (3,) of one rotation matrix, for angles below 3 rad."""
+    out = np.empty(3)
+    out[0] = 0.5 * (R[2, 1] - R[1, 2])
+    out[1] = 0.5 * (R[0, 2] - R[2, 0])
+    out[2] = 0.5 * (R[1, 0] - R[0, 1])
+    sine = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
+    cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    if sine > 1e-9:
+        out *= np.arctan2(sine, cosine) / sine
+    return out
+
+
+@numba.njit(cache=True)
 def normalised_one(R: Array) -> Array:
     """Return the rotation nearest to an almost orthonormal matrix (one Newton step)."""
     return 1.5 * R - 0.5 * R @ (R.T @ R)

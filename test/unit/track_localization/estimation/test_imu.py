@@ -9,14 +9,23 @@ from track_localization.estimation.imu_monitor import ClockGuard, ImuMonitor
 
 
 def test_clean_counts_each_reason():
-    time_s = np.array([0.0, 1.0, 1.0, 0.5, 2.0, np.nan, 3.0, 4.0])
-    force = np.ones((8, 3))
+    time_s = np.concatenate([[0.0, 1.0, 1.0, 0.5, 2.0, np.nan, 3.0, 4.0], np.arange(5.0, 30.0)])
+    force = np.ones((33, 3))
     force[4, 1] = np.inf
-    rate = np.zeros((8, 3))
+    rate = np.zeros((33, 3))
     rate[6, 0] = np.nan
     series, counts = clean(ImuSeries(time_s, force, rate))
-    np.testing.assert_array_equal(series.time_s, [0.0, 1.0, 4.0])
+    np.testing.assert_array_equal(series.time_s[:4], [0.0, 1.0, 4.0, 5.0])
     assert counts == {'not_finite': 3, 'repeated_time': 1, 'backward_time': 1}
+
+
+def test_one_stamp_years_ahead_does_not_cost_the_recording():
+    time_s = np.arange(100.0)
+    time_s[3] = 1.7e9
+    series, counts = clean(ImuSeries(time_s, np.ones((100, 3)), np.zeros((100, 3))))
+    assert counts == {'time_jump': 1}
+    assert len(series) == 99
+    assert series.time_s[-1] == 99.0
 
 
 def test_clean_keeps_a_recording_without_gyro():

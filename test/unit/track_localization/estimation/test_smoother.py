@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from track_localization.estimation.smoother import Step, rts_smooth
+from track_localization.estimation.smoother import rts_smooth
 
 
 def test_smoother_equals_the_batch_posterior():
@@ -28,7 +28,7 @@ def test_smoother_equals_the_batch_posterior():
     smoothed, P_s = rts_smooth(
         x_f,
         P_f,
-        lambda k: Step(F @ x_f[k], F @ P_f[k] @ F.T + Q, F),
+        lambda k: (F @ x_f[k], F @ P_f[k] @ F.T + Q, F),
         lambda a, b: a - b,
         lambda a, e: a + e,
     )
