@@ -14,7 +14,6 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType
@@ -22,17 +21,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
+from coaster_localization.inputs import line_of, mount_matrix, rotation, start_at_chainage
 from coaster_localization.nodes import inputs
 from coaster_localization.observation import MatchObservation
 from coaster_localization.pipeline import CoasterEskf, Estimate
-from track_localization.estimation import so3
 from track_localization.ros import convert, tf
 from track_localization.ros.diagnostics import Diagnostics, StreamHealth
-from track_localization.ros.params import read_file
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.spin import run_node
-from track_localization.track.centreline import Centreline
-from track_localization.track.track_file import read_track
 
 PARAMETERS = ('design_ride', 'track', 'frame_', 'publish_tf', 'mount_rpy_deg', 'eskf.')
 TRACK_FRAME = 'track'
@@ -47,18 +43,15 @@ class CoasterEskfNode(Node):
         """Make the node; ``make_filter(design, eskf_config, line)`` returns its core."""
         super().__init__('coaster_eskf', **inputs.NODE_OPTIONS, **options)
         self.config = inputs.declare(self, PARAMETERS)
-        self._R_bm = inputs.mount_matrix(self.config)
+        self._R_bm = mount_matrix(self.config.mount_rpy_deg)
         design = inputs.design_ride(self.config)
-        self._line = Centreline.from_design_ride(design)
-        if self.config.track:
-            track = read_file(self.config.track, 'track', read_track, '')
-            self._line = Centreline.from_track(track)
+        self._line = line_of(design)
         self.filter = make_filter(design, self.config.eskf, self._line)
         now = lambda: self.get_clock().now().nanoseconds / convert.NANO  # noqa: E731
         self.imu, self.match = StreamHealth(now), StreamHealth(expected=False)
         self.start = StreamHealth(expected=False)
         self._newest_s = float('nan')
-        self._publishers()
+        self._advertise()
         streams = {'imu': self.imu, 'match': self.match, 'initialpose': self.start}
         self.diagnostics = Diagnostics(
             self, streams, lambda: self.filter.rejected, lambda: self.filter.diagnostics()
@@ -69,7 +62,7 @@ class CoasterEskfNode(Node):
         self.create_subscription(pose, 'srdtw/pose', self.on_match, MEASUREMENT_QOS)
         self.create_subscription(Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
 
-    def _publishers(self) -> None:
+    def _advertise(self) -> None:
         frame = self.config.frame_map
         self._odometry, self._chainage = Odometry(), PoseWithCovarianceStamped()
         self._odometry.header.frame_id = frame
@@ -130,16 +123,15 @@ class CoasterEskfNode(Node):
         if isinstance(read, str):
             return read
         _, position, quaternion, covariance = read
-        self.filter.set_start(position, covariance, so3.matrix_from_quat(quaternion))
+        self.filter.set_start(position, covariance, rotation(quaternion))
         return None
 
     def _start_at_chainage(self, read: tuple[float, float] | str) -> str | None:
         if isinstance(read, str):
             return read
         s, variance = read
-        tangent, across = self._line.tangent(s), self.config.eskf.line_sigma_m**2
-        covariance = variance * np.outer(tangent, tangent) + across * np.eye(3)
-        self.filter.set_start(self._line.position(s), covariance, self._line.attitude(s))
+        sigma = self.config.eskf.line_sigma_m
+        self.filter.set_start(*start_at_chainage(self._line, s, variance, sigma))
         return None
 
     def _publish(self, estimate: Estimate) -> None:

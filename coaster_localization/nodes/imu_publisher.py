@@ -1,10 +1,13 @@
 """
 imu_publisher: sends a recorded ride again on imu/data_raw.
 
-The recording is a ROS 2 bag (its Imu messages go out byte for byte) or a phone's Sensor Logger
-export, folder or zip. With `rate` 0 it sends as fast as the consumers keep up (see `pace_topic`).
-With `loop` the ride starts over with all its stamps moved on, so that time never goes backward.
-It ends by itself when all is sent.
+The recording is a ROS 2 bag (its Imu messages go out byte for byte, unless they are not in SI
+units or have no stamps) or a phone's Sensor Logger export, folder or zip. What is wrong with it is
+said at the start, with what can be done.
+
+With `rate` 0 it sends as fast as the consumers keep up (see `pace_topic`). With `loop` the ride
+starts over with all its stamps moved on, so that time never goes backward. It ends by itself when
+all is sent.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from track_localization.ros.spin import run_node
 from track_localization.settings import setting
 
 TOPIC = 'imu/data_raw'
-UNITS = ('auto', 'si', 'g')
+UNITS = ('auto', 'si', 'g', 'deg', 'g_deg')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,8 +36,8 @@ class ImuReplayConfig(ReplayConfig):
     platform: str = setting(
         'auto', '', 'who wrote a phone export', choices=('auto', 'ios', 'android')
     )
-    units: str = setting('auto', '', 'unit of acceleration in a phone export', choices=UNITS)
-    frame_imu: str = setting('imu_link', '', 'frame_id of a phone export; a bag keeps its own')
+    units: str = setting('auto', '', 'units of the recording; deg means deg/s', choices=UNITS)
+    frame_imu: str = setting('imu_link', '', 'frame_id of messages made anew')
 
 
 class ImuPublisherNode(Node):
@@ -53,7 +56,8 @@ class ImuPublisherNode(Node):
 
         recording = read_file(config.source, 'source', read, 'a bag or a phone export is needed')
         for finding in recording.findings:
-            self.get_logger().warning(finding)
+            log = self.get_logger()
+            (log.info if finding.severity == 'info' else log.warning)(str(finding))
         self.replayer = Replayer(self, config, recording.items)
         self.replayer.advertise({TOPIC: IMU_TYPE})
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
+from coaster_localization.inputs import mount_matrix
 from coaster_localization.nodes import inputs
 from coaster_localization.observation import MatchObservation
 from coaster_localization.online import OnlineMatcher
@@ -25,7 +26,7 @@ from track_localization.ros.diagnostics import Diagnostics, StreamHealth
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
-PARAMETERS = ('design_ride', 'frame_map', 'frame_imu', 'mount_rpy_deg', 'matcher.')
+PARAMETERS = ('design_ride', 'track', 'frame_map', 'frame_imu', 'mount_rpy_deg', 'matcher.')
 
 
 class SrdtwMatcherNode(Node):
@@ -35,7 +36,7 @@ class SrdtwMatcherNode(Node):
         """Make the node; ``make_matcher(design, matcher_config)`` returns its core."""
         super().__init__('srdtw_matcher', **inputs.NODE_OPTIONS, **options)
         config = inputs.declare(self, PARAMETERS)
-        self._R_bm = inputs.mount_matrix(config)
+        self._R_bm = mount_matrix(config.mount_rpy_deg)
         self._frame_imu = config.frame_imu
         self.matcher = make_matcher(inputs.design_ride(config), config.matcher)
         self.imu = StreamHealth(lambda: self.get_clock().now().nanoseconds / convert.NANO)

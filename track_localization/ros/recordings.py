@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
-from track_localization.io import bags, codec, phone
+from track_localization.io import bags, codec
+from track_localization.io.checks import Finding, inspect_imu, to_si
+from track_localization.io.recording import read_recording
 
 IMU_TYPE = codec.IMU
 TRUTH = 'ground_truth/'
@@ -86,7 +88,7 @@ class ImuRecording(NamedTuple):
     """An IMU recording: ``items()`` yields it from the start; ``findings`` are for the user."""
 
     items: Callable[[], Iterator[Item]]
-    findings: list[str]
+    findings: list[Finding]
 
 
 def open_imu_recording(
@@ -95,11 +97,19 @@ def open_imu_recording(
     """
     Open a bag's Imu topic, or a Sensor Logger export, to be sent on the topic ``send_on``.
 
-    ``platform``, ``units`` and ``frame_id`` are those of a phone export. Raise DataError when the
-    recording cannot be used; what is wrong but bearable is in the findings.
+    A bag's messages go out as they are, bad ones too, unless they are in other units or carry no
+    stamp: then, and from a phone, new ones are made in SI units with ``frame_id``. ``platform``
+    and ``units`` as in ``read_recording``. Raise DataError when the recording cannot be used; what
+    is wrong but bearable is in the findings.
     """
-    if bags.is_bag(source):
-        name = imu_topic(source, topic)
-        return ImuRecording(lambda: bag_items(source, {name: send_on}), [])
-    series, _ = phone.read_phone(source, platform, units)
-    return ImuRecording(lambda: series_items(series, send_on, frame_id), [])
+    if not bags.is_bag(source):
+        recording = read_recording(source, topic, platform, units)
+        imu, findings = recording.imu, recording.findings
+        return ImuRecording(lambda: series_items(imu, send_on, frame_id), findings)
+    name = imu_topic(source, topic)
+    raw, rejected = bags.read_imu(source, name)
+    series, notes = to_si(raw, units)
+    findings = inspect_imu(series, rejected) + notes
+    if notes or 'no_header_stamp' in rejected:
+        return ImuRecording(lambda: series_items(series, send_on, frame_id), findings)
+    return ImuRecording(lambda: bag_items(source, {name: send_on}), findings)

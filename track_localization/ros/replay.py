@@ -32,6 +32,8 @@ from track_localization.ros.spin import run_node
 from track_localization.settings import setting
 
 CLOCK_STEP_NS = 10_000_000
+SETTLE_S = 0.3
+"""A best-effort subscriber that the publisher knows may not know the publisher yet: 12 ms seen."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Replayer:
         self._clock_ns: int | None = None
         self._pace: Pace | None = None
         self._spin: Callable[[float], None] = time.sleep
-        self._last_spin = 0.0
+        self._begin = self._end = self._last_spin = 0.0
 
     def advertise(self, topics: dict[str, str]) -> None:
         """Create the publishers of {topic: type}; types that are not installed are left out."""
@@ -91,22 +93,23 @@ class Replayer:
         """Send everything; return when done. Raise DataError when there is nothing to send."""
         self._spin = lambda seconds: executor.spin_once(timeout_sec=seconds)
         self._wait_for_consumers()
-        begin = time.monotonic()
+        self._begin = self._end = time.monotonic()
         try:
-            shift_ns = 0
-            while True:
+            shift_ns = self._once(0)
+            while self.config.loop:
                 shift_ns += self._once(shift_ns)
-                if not self.config.loop:
-                    break
             self._finish()
         finally:
-            wall = max(time.monotonic() - begin, 1e-6)
-            total = ', '.join(f'{n} x {topic}' for topic, n in sorted(self.sent.items()))
-            print(
-                f'{self.node.get_name()}: sent {total or "nothing"}; {self.recorded_s:.1f} s of '
-                f'recording in {wall:.1f} s ({self.recorded_s / wall:.2f} x real time)',
-                flush=True,
-            )
+            print(f'{self.node.get_name()}: {self.report()}', flush=True)
+
+    def report(self) -> str:
+        """Return how much was sent and how fast."""
+        wall = max(self._end - self._begin, 1e-6)
+        total = ', '.join(f'{n} x {topic}' for topic, n in sorted(self.sent.items()))
+        return (
+            f'sent {total or "nothing"}; {self.recorded_s:.1f} s of recording in {wall:.1f} s '
+            f'({self.recorded_s / wall:.2f} x real time)'
+        )
 
     def _wait_for_consumers(self) -> None:
         deadline = time.monotonic() + self.config.wait_timeout
@@ -121,6 +124,7 @@ class Replayer:
                 )
                 break
             self._spin(0.05)
+        self._spin_for(SETTLE_S)
         if self.config.rate == 0.0:
             c = self.config
             self._pace = Pace(self.node, c.pace_topic, c.pace_window, c.pace_timeout)
@@ -129,7 +133,7 @@ class Replayer:
     def _once(self, shift_ns: int) -> int:
         """Send the recording once, stamps moved by ``shift_ns``; return its length [ns]."""
         first = start = last = None
-        count, wall_0 = 0, time.monotonic()
+        count, wall_0, before_s = 0, time.monotonic(), self.recorded_s
         for item in self.recording():
             first = item.log_ns if first is None else first
             if item.log_ns - first < self.config.start_offset * cdr.NANO:
@@ -139,11 +143,12 @@ class Replayer:
             self._wait_for_turn(item, shift_ns, wall_0, start)
             self._send(item, shift_ns)
             last, count = max(item.log_ns, last or item.log_ns), count + 1
+            self.recorded_s = before_s + (last - start) / cdr.NANO
+            self._end = time.monotonic()
         if start is None or last is None:
             length = 'it is empty' if first is None else 'start_offset lies beyond its end'
             raise DataError(f'{self.config.source}: nothing to send: {length}')
         length_ns = last - start
-        self.recorded_s += length_ns / cdr.NANO
         return length_ns + (length_ns // (count - 1) if count > 1 else cdr.NANO)
 
     def _wait_for_turn(self, item: Item, shift_ns: int, wall_0: float, start_ns: int) -> None:
@@ -194,7 +199,10 @@ class Replayer:
         for entry in self._publishers.values():
             if entry is not None:
                 entry[0].wait_for_all_acked(Duration(seconds=1.0))
-        until = time.monotonic() + 0.2
+        self._spin_for(0.2)
+
+    def _spin_for(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
         while time.monotonic() < until:
             self._spin(0.05)
 
