@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 from track_localization.settings import setting
 
@@ -12,12 +14,59 @@ MATCHERS = ('dtw', 'dtw_derivative', 'dtw_penalised', 'srdtw')
 
 @dataclasses.dataclass(frozen=True)
 class MatcherConfig:
-    """Matching of the measured ride against the design ride (paper 1, section 1)."""
+    """
+    Matching of the measured ride against the design ride (paper 1, section 1).
+
+    ``PAPER_MATCHER`` holds what differs in the paper's own form.
+    """
 
     method: str = setting('dtw_penalised', '', 'matching algorithm', choices=MATCHERS)
     channel: str = setting('multi', '', 'what is compared', choices=CHANNELS)
     rate_hz: float = setting(50.0, 'Hz', 'rate both series are resampled to', 5.0, 200.0)
+    rest_s: float = setting(2.0, 's', 'standstill kept at both ends of the ride', 0.0, 60.0)
+    derivative_weight: float = setting(
+        0.2, '', "kd of eq. 14, the derivative's weight, derivatives per second", 0.0, 1e3
+    )
+    heading: bool = setting(True, '', "find the mount's heading from the ride (multi only)")
+    smooth_s: float = setting(
+        0.2, 's', 'Gaussian smoothing of design time minus time; 0 as the paper', 0.0, 5.0
+    )
+    # dtw, dtw_derivative, dtw_penalised
+    low_pass_hz: float = setting(2.5, 'Hz', 'zero-phase low-pass of the series', 0.1, 50.0)
+    step_penalty: float = setting(
+        10.0, '', 'dtw_penalised: cost of a step that is not diagonal', 0.0, 1e6
+    )
+    # srdtw
+    segment_low_pass_hz: float = setting(1.25, 'Hz', 'the same for srdtw', 0.1, 50.0)
+    prominence: float = setting(
+        0.4, '', "least height of an extremum, in the design series' deviations", 0.01, 5.0
+    )
+    penalty_form: str = setting('power', '', 'form of kg, eq. 14', choices=('power', 'linear'))
+    penalty_value: float = setting(
+        1.05, '', 'kg = value^d (d in samples at 50 Hz), or 1 + value d (d in 0..1)', 0.0, 1e3
+    )
+    segment_step_penalty: float = setting(
+        0.0, '', 'cost of a step that is not diagonal, inside groups; the paper has none', 0.0, 1e6
+    )
+    # how sure a match is
+    doubt_m: float = setting(10.0, 'm', 'a match further off than this is a gross one', 0.1, 1e3)
+    # online
     observation_rate_hz: float = setting(5.0, 'Hz', 'rate of emitted matches, online', 0.1, 100.0)
+
+
+PAPER_MATCHER: Mapping[str, Any] = {
+    'method': 'srdtw',
+    'channel': 'z',
+    'rate_hz': 50.0,
+    'derivative_weight': 0.2,
+    'smooth_s': 0.0,
+    'segment_low_pass_hz': 1.25,
+    'prominence': 0.4,
+    'penalty_form': 'power',
+    'penalty_value': 1.05,
+    'segment_step_penalty': 0.0,
+}
+"""Overrides that make the matcher the paper's, where the paper says; its kg's form is ours."""
 
 
 @dataclasses.dataclass(frozen=True)
