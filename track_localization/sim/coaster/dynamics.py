@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from track_localization import GRAVITY
-from track_localization.sim.coaster.ride_plan import RidePlan
+from track_localization.sim.coaster.ride_plan import ENDS, RidePlan
 from track_localization.track.centreline import Centreline
 
 Array = NDArray[np.float64]
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 AIR_DENSITY = 1.2
 STEP_S = 0.002
 RELEASE_S = 0.6
+HALT_S = 0.8
+GUST_STEP_S = 0.5
 LONGEST_S = 900.0
 _KIND = {'tyres': 0, 'chain': 1, 'launch': 2, 'trim': 3, 'brake': 4, 'block': 5, 'station': 6}
 DONE, ROLLED_BACK, STUCK, TOO_LONG = 0, 1, 2, 3
@@ -71,7 +73,8 @@ def run_train(line: Centreline, plan: RidePlan, conditions: Conditions = Conditi
     """Run the train of ``plan`` along ``line``; how it ended is in ``outcome``."""
     train = plan.train
     directions = np.array([p.direction for p in plan.phases], dtype=np.int64)
-    reversal = np.array([p.ends == 'reversal' for p in plan.phases])
+    ends = np.array([ENDS.index(p.ends) for p in plan.phases])
+    until = np.array([p.at_m for p in plan.phases])
     holds = np.array([p.hold_s for p in plan.phases])
     body = np.array(
         [
@@ -96,11 +99,13 @@ def run_train(line: Centreline, plan: RidePlan, conditions: Conditions = Conditi
         body,
         np.asarray(conditions.gusts, dtype=np.float64),
         directions,
-        reversal,
+        ends,
+        until,
         holds,
     )
     time_s = np.arange(count) * STEP_S
-    return Run(time_s, *(np.ascontiguousarray(out[:count, k]) for k in range(3)), outcome=outcome)
+    s, v, a = np.ascontiguousarray(out[:count].T)
+    return Run(time_s, s, v, a, outcome)
 
 
 def _line_table(line: Centreline) -> Array:
@@ -184,7 +189,7 @@ def _zone(z: Array, s: float, v: float, train: float, front: float, way: float) 
             speed = min(speed, gentle * 1.2 * (np.sqrt(1.0 + 2.0 * left / (gentle * 1.44)) - 1.0))
         else:
             speed = 0.0
-        soft, cover = 0.15, 1.0
+        soft, cover = 0.15, min(max(min(s - z[1], z[2] - s), 0.0), 1.0)
     return cover * min(max((speed - v) / soft, -z[5]), z[4])
 
 
@@ -232,59 +237,77 @@ def _integrate(
     body: Array,
     gusts: Array,
     directions: NDArray[np.int64],
-    reversal: NDArray[np.bool_],
+    ends: NDArray[np.int64],
+    until: Array,
     holds: Array,
 ) -> tuple[Array, int, int]:
     """Step (s, v) by fourth-order Runge-Kutta; return rows of s, v, a, their number, outcome."""
     h = STEP_S
     most = int(LONGEST_S / h)
     out = np.zeros((most, 3))
-    s, v, phase, released, hold_until, still = start, 0.0, 0, 0.0, -1.0, 0.0
+    s, v, phase, released, still = start, 0.0, 0, 0.0, 0.0
+    held_at, held_s, held_v = -1.0, 0.0, 0.0
     for n in range(most):
         t = n * h
-        way = float(directions[phase])
-        out[n, 0], out[n, 1], out[n, 2] = s, v, 0.0
-        if hold_until >= 0.0:
-            if t < hold_until:
+        if held_at >= 0.0:
+            if t >= held_at + HALT_S + holds[phase]:
+                if phase + 1 == len(directions):
+                    return out, n, 0
+                phase, held_at, released, still = phase + 1, -1.0, t, 0.0
+            else:
+                s, v, a = _halt(t - held_at, held_s, held_v)
+                out[n, 0], out[n, 1], out[n, 2] = s, v, a
                 continue
-            phase += 1
-            if phase == len(directions):
-                return out, n + 1, 0
-            hold_until, released, still = -1.0, t, 0.0
-            way = float(directions[phase])
-        x = min(t * 2.0, len(gusts) - 1.0)
-        g0 = gusts[int(x)]
-        g = g0 + (x - int(x)) * (gusts[min(int(x) + 1, len(gusts) - 1)] - g0)
-        u = min((t - released) / RELEASE_S, 1.0) if hold_until < 0.0 else 1.0
-        ramp = u * u * (3.0 - 2.0 * u)
-        u2 = min((t + 0.5 * h - released) / RELEASE_S, 1.0)
-        ramp2 = u2 * u2 * (3.0 - 2.0 * u2)
-        u3 = min((t + h - released) / RELEASE_S, 1.0)
-        ramp3 = u3 * u3 * (3.0 - 2.0 * u3)
-        a1 = ramp * _acceleration(s, v, g, way, phase, table, length, closed, zones, body)
-        v2, s2 = v + 0.5 * h * a1, s + 0.5 * h * v
-        a2 = ramp2 * _acceleration(s2, v2, g, way, phase, table, length, closed, zones, body)
-        v3, s3 = v + 0.5 * h * a2, s + 0.5 * h * v2
-        a3 = ramp2 * _acceleration(s3, v3, g, way, phase, table, length, closed, zones, body)
-        v4, s4 = v + h * a3, s + h * v3
-        a4 = ramp3 * _acceleration(s4, v4, g, way, phase, table, length, closed, zones, body)
-        out[n, 2] = a1
-        s += h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0
-        v += h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+        way = float(directions[phase])
+        air = _between(gusts, t / GUST_STEP_S)
+        k = np.empty((4, 2))
+        x, y = s, v
+        for i in range(4):
+            later = 0.0 if i == 0 else (h if i == 3 else 0.5 * h)
+            ramp = _ramp((t + later - released) / RELEASE_S)
+            k[i, 0] = y
+            k[i, 1] = ramp * _acceleration(
+                x, y, air, way, phase, table, length, closed, zones, body
+            )
+            ahead = h if i == 2 else 0.5 * h
+            x, y = s + ahead * k[i, 0], v + ahead * k[i, 1]
+        out[n, 0], out[n, 1], out[n, 2] = s, v, k[0, 1]
+        s += h * (k[0, 0] + 2.0 * k[1, 0] + 2.0 * k[2, 0] + k[3, 0]) / 6.0
+        v += h * (k[0, 1] + 2.0 * k[1, 1] + 2.0 * k[2, 1] + k[3, 1]) / 6.0
         still = still + h if abs(v) < 0.01 else 0.0
-        if reversal[phase]:
+        if ends[phase] == 2:
             if way * v < 0.0:
-                phase += 1
-                if phase == len(directions):
-                    return out, n + 1, 0
-                released = t - RELEASE_S
+                phase, released = phase + 1, t - RELEASE_S
         elif way * v < -0.05:
             return out, n + 1, 1
+        elif ends[phase] == 1:
+            if way * (s - until[phase]) >= 0.0:
+                held_at, held_s, held_v = t + h, s, v
         elif t - released > 2.0 and way * v < 0.003 and _stopping(zones, s, phase, way):
-            v, hold_until = 0.0, t + h + holds[phase]
-        elif still > 20.0:
+            held_at, held_s, held_v = t + h, s, v
+        if still > 20.0:
             return out, n + 1, 2
     return out, most, 3
+
+
+@njit(cache=True)
+def _halt(t: float, s: float, v: float) -> tuple[float, float, float]:
+    """Return s, v, a a time ``t`` after a train that ran at ``v`` began to be held at ``s``."""
+    u = min(t / HALT_S, 1.0)
+    gone = HALT_S * (u - u**3 + 0.5 * u**4)
+    return s + v * gone, v * (1.0 - _ramp(u)), -v * 6.0 * u * (1.0 - u) / HALT_S
+
+
+@njit(cache=True)
+def _ramp(u: float) -> float:
+    u = min(max(u, 0.0), 1.0)
+    return u * u * (3.0 - 2.0 * u)
+
+
+@njit(cache=True)
+def _between(values: Array, x: float) -> float:
+    i = min(int(x), len(values) - 1)
+    return values[i] + (min(x - i, 1.0)) * (values[min(i + 1, len(values) - 1)] - values[i])
 
 
 @njit(cache=True)

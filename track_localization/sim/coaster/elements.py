@@ -64,10 +64,10 @@ def _element(
     roll: Array | float = 0.0,
     banked: bool = True,
 ) -> Element:
-    parts = [
+    heading, slope, roll = (
         np.broadcast_to(np.asarray(a, dtype=np.float64), _U.shape) for a in (heading, slope, roll)
-    ]
-    return Element(name, length, *parts, banked=banked)
+    )
+    return Element(name, length, heading, slope, roll, banked)
 
 
 def straight(length: float, name: str = 'straight') -> list[Element]:
@@ -184,7 +184,7 @@ def roll_hill(
     """Go over a hill and roll once about the track at its crest (a zero-g roll)."""
     parts = hill(height, angle_deg, valley, crest, name)
     middle = sum(e.length for e in parts[1:4])
-    turned = -side * 2.0 * np.pi * ease(0.4)
+    turned = -side * 2.0 * np.pi * ease(0.25)
     done, rolled = 0.0, []
     for part in parts[1:4]:
         u = (done + _U * part.length) / middle

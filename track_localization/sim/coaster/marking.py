@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 PLACES = 4
 POINTS = (-4.5, -1.5, 1.5, 4.5)
-SLOWEST = 5.0
+SLOWEST = 7.0
 STEP = 0.5
 
 
@@ -24,7 +24,7 @@ def places(line: Centreline, run: Run) -> Array:
     Return the chainages (16,) of row 1 at the marked points, increasing [m].
 
     The places are where the line turns or rolls hardest, apart from each other by a ninth of the
-    track at least, and passed faster than 5 m/s. Raise DataError when there are not enough.
+    track at least, and passed faster than 7 m/s. Raise DataError when there are not enough.
     """
     grid = np.arange(0.0, line.length, STEP)
     turning = gaussian_filter1d(np.linalg.norm(line.curvature(grid), axis=1), 5.0 / STEP)

@@ -13,7 +13,7 @@ from track_localization.errors import DataError
 from track_localization.settings import load_yaml, override, setting, validate
 
 KINDS = ('tyres', 'chain', 'launch', 'trim', 'brake', 'block', 'station')
-ENDS = ('stop', 'reversal')
+ENDS = ('stop', 'at', 'reversal')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,11 +57,15 @@ class Zone:
 
 @dataclasses.dataclass(frozen=True)
 class Phase:
-    """A part of the ride between stops or reversals."""
+    """
+    A part of the ride: it ends with a stop in a station, on reaching ``at_m`` (the train is then
+    held there) or where gravity turns the train round.
+    """
 
     direction: int = setting(1, '', '+1 along the chainage, -1 against it', -1, 1)
     ends: str = setting('stop', '', 'what ends it', choices=ENDS)
-    hold_s: float = setting(0.0, 's', 'standstill after its stop', 0.0, 600.0)
+    at_m: float = setting(0.0, 'm', 'where row 1 is caught, if it ends so')
+    hold_s: float = setting(0.0, 's', 'standstill after it', 0.0, 600.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +106,7 @@ class RidePlan:
         return dataclasses.replace(
             self,
             zones=(*later, stop),
-            phases=(Phase(1, 'stop', hold_s), *self.phases),
+            phases=(Phase(1, 'stop', hold_s=hold_s), *self.phases),
         )
 
 
