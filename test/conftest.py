@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -62,16 +64,41 @@ class Ros:
         rclpy.init(context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self._nodes: list[Any] = []
+        self._thread: threading.Thread | None = None
 
     def make(self, node_class: Callable[..., Any], *args: Any, **parameters: Any) -> Any:
         """Return ``node_class(*args)`` in this context; ``a__b=1`` sets the parameter a.b."""
+        node = self.make_apart(node_class, *args, **parameters)
+        self.executor.add_node(node)
+        return node
+
+    def make_apart(self, node_class: Callable[..., Any], *args: Any, **parameters: Any) -> Any:
+        """Return a node as ``make`` does, but not on this bench's executor."""
         from rclpy.parameter import Parameter
 
         overrides = [Parameter(k.replace('__', '.'), value=v) for k, v in parameters.items()]
         node = node_class(*args, context=self.context, parameter_overrides=overrides)
         self._nodes.append(node)
-        self.executor.add_node(node)
         return node
+
+    def run_replay(self, node: Any) -> None:
+        """Run a replaying node on an executor of its own, the bench's nodes in the background."""
+        from rclpy.executors import SingleThreadedExecutor
+
+        own = SingleThreadedExecutor(context=self.context)
+        own.add_node(node)
+        self._thread = threading.Thread(target=self._spin_quietly)
+        self._thread.start()
+        try:
+            node.replayer.run(own)
+        finally:
+            own.shutdown(timeout_sec=0)
+
+    def _spin_quietly(self) -> None:
+        from rclpy.executors import ExternalShutdownException
+
+        with contextlib.suppress(ExternalShutdownException):
+            self.executor.spin()
 
     def node(self, name: str, **options: Any) -> Any:
         """Return a bare node."""
@@ -111,6 +138,8 @@ class Ros:
     def close(self) -> None:
         """End everything, in the order that DDS likes."""
         self.executor.shutdown(timeout_sec=0)
+        if self._thread is not None:
+            self._thread.join(timeout=10.0)
         for node in self._nodes:
             node.destroy_node()
         self.context.try_shutdown()

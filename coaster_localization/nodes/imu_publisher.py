@@ -55,9 +55,12 @@ class ImuPublisherNode(Node):
             )
 
         recording = read_file(config.source, 'source', read, 'a bag or a phone export is needed')
-        for finding in recording.findings:
-            log = self.get_logger()
-            (log.info if finding.severity == 'info' else log.warning)(str(finding))
+        self.findings = recording.findings
+        for finding in self.findings:
+            if finding.severity == 'info':
+                self.get_logger().info(str(finding))
+            else:
+                self.get_logger().warning(str(finding))
         self.replayer = Replayer(self, config, recording.items)
         self.replayer.advertise({TOPIC: IMU_TYPE})
 
