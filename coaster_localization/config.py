@@ -87,6 +87,9 @@ class EskfConfig:
     match_correlation_s: float = setting(
         2.0, 's', 'time over which matching errors persist: closer matches weigh less', 0.0, 60.0
     )
+    match_correlation_m: float = setting(
+        20.0, 'm', 'distance over which they persist: the slower, the longer', 0.0, 1000.0
+    )
     line_sigma_m: float = setting(
         0.03, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
     )

@@ -22,6 +22,8 @@ from track_localization.track.line_table import LineTable
 Array = NDArray[np.float64]
 
 ITERATIONS = 4
+SLOWEST = 0.5
+"""Speed that turns a correlation length into a time, at least [m/s]."""
 
 
 class MatchUpdate:
@@ -87,8 +89,12 @@ class MatchUpdate:
             state = state._replace(nav=nav)
         elif nis > self.config.gate_nis:
             variance *= nis / self.config.gate_nis
-        variance *= self._thinning(state, match, self.config.match_correlation_s)
-        nav = self._iterate(nav, dt, s_match, variance, self._cross_variance(state, match))
+        speed = max(float(np.linalg.norm(nav.velocity)), SLOWEST)
+        config = self.config
+        persists_s = max(config.match_correlation_s, config.match_correlation_m / speed)
+        variance *= self._thinning(state, match, persists_s)
+        across = self._thinning(state, match, config.line_correlation_m / speed)
+        nav = self._iterate(nav, dt, s_match, variance, config.line_sigma_m**2 * across)
         return self._done(state, nav, match)
 
     def _iterate(
@@ -140,12 +146,6 @@ class MatchUpdate:
         if np.isnan(since) or correlation_s <= 0.0:
             return 1.0
         return max(1.0, 2.0 * correlation_s / max(since, 1e-3))
-
-    def _cross_variance(self, state: FusedState, match: MatchObservation) -> float:
-        """Return the variance across the line [m^2]; a track keeps its deviation for metres."""
-        speed = max(float(np.linalg.norm(state.nav.velocity)), 0.5)
-        seconds = min(self.config.line_correlation_m / speed, 10.0)
-        return self.config.line_sigma_m**2 * self._thinning(state, match, seconds)
 
     def _chainage_of(self, match: MatchObservation) -> float:
         if np.isfinite(match.chainage):
