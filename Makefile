@@ -27,5 +27,11 @@ types: $(STAMP)
 test: lint types
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+demo: $(STAMP)
+	$(BIN)/python tools/demo.py
+
+bench: $(STAMP)
+	@for f in benchmarks/bench_*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
+
 clean:
 	rm -rf $(VENV) build install log demo out .mypy_cache .ruff_cache .pytest_cache *.egg-info

@@ -1,0 +1,61 @@
+"""
+Cost of the coaster's filter: per IMU sample, and per method against real time.
+
+Figures are medians over rides on this machine, as it is loaded now; compare them only with others
+of the same run.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+from coaster_localization.config import CoasterConfig, EskfConfig
+from coaster_localization.methods import METHODS, observations, run_methods
+from coaster_localization.pipeline import CoasterEskf
+from coaster_localization.smoothing import run_filter
+from track_localization.estimation.imu import clean
+from track_localization.evaluation.tabulate import Table
+from track_localization.sim.coaster import SimulatedRide, scenario, simulate_coaster
+
+
+def method_table(rides: list[SimulatedRide]) -> Table:
+    """Return the run time of every method, each with what it is fed by."""
+    times: dict[str, list[float]] = {}
+    for ride in rides:
+        imu, _ = clean(ride.imu)
+        length = float(imu.time_s[-1] - imu.time_s[0])
+        for result in run_methods(imu, ride.design, CoasterConfig(), METHODS):
+            times.setdefault(result.name, []).append(length / sum(result.runtime_s.values()))
+    rows = [[name, round(statistics.median(factors))] for name, factors in times.items()]
+    return Table('Whole rides at 100 Hz, after warm-up', ['method', 'x real time'], rows)
+
+
+def step_table(ride: SimulatedRide) -> Table:
+    """Return the filter's cost per IMU sample, without and with matches."""
+    imu, _ = clean(ride.imu)
+    result = next(run_methods(imu, ride.design, CoasterConfig(), ['dtw_penalised']))
+    assert result.match is not None
+    rows: list[list[str | float]] = []
+    for label, feed in (
+        ('IMU only', []),
+        ('with 5 matches a second', observations(result.match, 5)),
+    ):
+        filter_ = CoasterEskf(ride.design, EskfConfig())
+        begin = time.perf_counter()
+        run_filter(filter_, imu, feed)
+        rows.append([label, 1e6 * (time.perf_counter() - begin) / len(imu)])
+    return Table('ESKF, per IMU sample', ['', 'us'], rows)
+
+
+def main() -> None:
+    """Print both tables."""
+    rides = [simulate_coaster('looping', scenario('nominal'), seed) for seed in (1, 2, 3)]
+    warm = rides[0]
+    for _ in run_methods(clean(warm.imu)[0], warm.design, CoasterConfig(), METHODS):
+        pass
+    print(step_table(rides[0]).text(), '\n', method_table(rides).text(), sep='\n')
+
+
+if __name__ == '__main__':
+    main()
