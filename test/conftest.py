@@ -186,3 +186,9 @@ def circle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('circle') / 'design_ride.csv'
     write_design_ride(path, circle_ride())
     return path
+
+
+@pytest.fixture(scope='session')
+def circle() -> DesignRide:
+    """The circle itself."""
+    return circle_ride()
