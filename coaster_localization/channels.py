@@ -19,7 +19,7 @@ from track_localization.errors import DataError
 Array = NDArray[np.float64]
 
 UNITS = {
-    'multi': np.array([5.0, 5.0, 0.5, 0.5, 0.5, 0.5, 0.5]),
+    'multi': np.array([5.0, 5.0, 5.0, 0.5, 0.5, 0.5, 0.5, 0.5]),
     'heading_free': np.array([5.0, 5.0, 0.5, 0.5, 0.5, 0.5]),
 }
 """Scales: forces [m/s^2], components of the vertical, angular rates [rad/s]."""
@@ -35,12 +35,14 @@ class Grid:
     Attributes:
         time_s: (N,) of the motion's clock [s].
         values: (N, C) smoothed channels in their units.
-        held: (N,) bool, stands still.
+        held: (N,) bool, stands still, in the station or on the way.
+        standing: (N,) bool, stands in the station.
     """
 
     time_s: Array
     values: Array
     held: NDArray[np.bool_]
+    standing: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -71,8 +73,10 @@ def sample_channels(
     on_fine = np.stack([np.interp(fine, motion.time_s, c) for c in raw.T], axis=-1)
     smooth = low_pass(on_fine, rate_hz * finer, low_pass_hz)
     rows = lead + finer * np.arange(count)
-    nearest = np.searchsorted(motion.time_s, fine[rows], side='right') - 1
-    return Grid(fine[rows], smooth[rows], motion.held[np.clip(nearest, 0, None)])
+    time_s = fine[rows]
+    nearest = np.searchsorted(motion.time_s, time_s, side='right') - 1
+    standing = (time_s < motion.start_s) | (time_s > motion.end_s)
+    return Grid(time_s, smooth[rows], motion.held[np.clip(nearest, 0, None)], standing)
 
 
 def channel_values(motion: Motion, channel: str) -> Array:
@@ -88,7 +92,7 @@ def channel_values(motion: Motion, channel: str) -> Array:
     if channel in ('pitch', 'yaw', 'roll'):
         return euler_channel(motion.R_nb, channel)[:, None]
     if channel == 'multi':
-        return np.hstack([force[:, [2, 1]], vertical, rate[:, 1:3]])
+        return np.hstack([force[:, [2, 1, 0]], vertical, rate[:, 1:3]])
     if channel == 'heading_free':
         across = [np.linalg.norm(v[:, :2], axis=1)[:, None] for v in (force, vertical, rate)]
         return np.hstack(

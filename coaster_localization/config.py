@@ -28,13 +28,26 @@ class MatcherConfig:
         0.2, '', "kd of eq. 14, the derivative's weight, derivatives per second", 0.0, 1e3
     )
     heading: bool = setting(True, '', "find the mount's heading from the ride (multi only)")
-    smooth_s: float = setting(
-        0.2, 's', 'Gaussian smoothing of design time minus time; 0 as the paper', 0.0, 5.0
+    pace_walk: float = setting(
+        0.01,
+        '1/sqrt(s)',
+        "random walk of the ride's pace by which the match is evened; 0: not at all, as the paper",
+        0.0,
+        10.0,
+    )
+    accel_walk: float = setting(
+        0.05, 'm/s/sqrt(s)', 'random walk of the speed against the design', 0.0, 10.0
+    )
+    match_correlation_s: float = setting(
+        1.0, 's', 'time over which matching errors persist', 0.0, 60.0
     )
     # dtw, dtw_derivative, dtw_penalised
     low_pass_hz: float = setting(2.5, 'Hz', 'zero-phase low-pass of the series', 0.1, 50.0)
     step_penalty: float = setting(
         10.0, '', 'dtw_penalised: cost of a step that is not diagonal', 0.0, 1e6
+    )
+    standing_weight: float = setting(
+        4.0, '', 'dtw_penalised: root cost of a moving sample against a standing one', 0.0, 1e3
     )
     # srdtw
     segment_low_pass_hz: float = setting(1.25, 'Hz', 'the same for srdtw', 0.1, 50.0)
@@ -50,6 +63,7 @@ class MatcherConfig:
     )
     # how sure a match is
     doubt_m: float = setting(10.0, 'm', 'a match further off than this is a gross one', 0.1, 1e3)
+    sigma_floor_m: float = setting(0.05, 'm', 'least standard deviation of a match', 0.0, 100.0)
     # online
     observation_rate_hz: float = setting(5.0, 'Hz', 'rate of emitted matches, online', 0.1, 100.0)
 
@@ -59,7 +73,7 @@ PAPER_MATCHER: Mapping[str, Any] = {
     'channel': 'z',
     'rate_hz': 50.0,
     'derivative_weight': 0.2,
-    'smooth_s': 0.0,
+    'pace_walk': 0.0,
     'segment_low_pass_hz': 1.25,
     'prominence': 0.4,
     'penalty_form': 'power',

@@ -14,51 +14,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization import dtw
-from coaster_localization.channels import Grid
-from coaster_localization.config import MatcherConfig
-from track_localization.track.design_ride import DesignRide
-
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-SPREAD_HZ = 10.0
 NOISE = 1.0
+"""Variance of a row's distance, large enough to stand for errors that last a second."""
 OFF_PACE = 0.05
-FLOOR_M = 0.05
-FLOOR_S = 0.005
-
-
-def sigma_along(
-    series: tuple[Array, Array],
-    design_time_s: Array,
-    matched: DesignRide,
-    measured: Grid,
-    planned: Grid,
-    design: DesignRide,
-    ends: tuple[bool, bool],
-    config: MatcherConfig,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the standard deviation along the track (N,) [m], and where it may be far wrong."""
-    step = max(1, round(config.rate_hz / SPREAD_HZ))
-    a, b = (dtw.with_derivative(x, config.rate_hz, config.derivative_weight) for x in series)
-    chainage = np.interp(planned.time_s, design.time_s, design.chainage)
-    spread, doubt = match_spread(
-        a[::step],
-        b[::step],
-        matched.chainage[::step],
-        chainage[::step],
-        measured.held[::step],
-        NOISE,
-        OFF_PACE,
-        config.doubt_m,
-        ends,
-    )
-    t = measured.time_s
-    spread, doubt = (np.interp(t, t[::step], x) for x in (spread, doubt))
-    floor = FLOOR_M**2 + (FLOOR_S * matched.speed) ** 2
-    return np.sqrt(spread**2 + floor), doubt > 0.05
+"""Probability that the train stays where the design moves one row on; of two rows, likewise."""
 
 
 def match_spread(
@@ -67,8 +30,6 @@ def match_spread(
     matched: Array,
     chainage: Array,
     held: NDArray[np.bool_],
-    noise: float,
-    off_pace: float,
     far_m: float,
     open_ends: tuple[bool, bool] = (False, False),
 ) -> tuple[Array, Array]:
@@ -76,9 +37,7 @@ def match_spread(
     Return the rms distance from the match [m], (m,), and the probability of more than ``far_m``.
 
     ``a`` (m, C) and ``b`` (n, C) are the series compared, ``matched`` (m,) the chainages that the
-    match gave, ``chainage`` (n,) of the design. ``noise`` is the variance of a row's distance,
-    made large enough to stand for errors that last; ``off_pace`` the probability of staying and of
-    advancing two, each.
+    match gave, ``chainage`` (n,) of the design, ``held`` (m,) where the train stood still.
     """
     return _spread(
         np.ascontiguousarray(a),
@@ -86,8 +45,8 @@ def match_spread(
         matched,
         chainage,
         held,
-        noise,
-        off_pace,
+        NOISE,
+        OFF_PACE,
         far_m,
         open_ends[0],
         open_ends[1],

@@ -123,7 +123,11 @@ def measured_motion(imu: ImuSeries, design: DesignRide) -> Motion:
         R_nb = np.full((len(imu), 3, 3), np.nan)
         notes.append('no gyro: nothing but forces can be matched')
     moving = np.flatnonzero(~held)
-    first, last = (int(moving[0]), int(moving[-1])) if len(moving) else (0, len(imu) - 1)
+    moving = moving[moving >= (before.start if before else 0)]
+    moving = moving[moving < (after.stop if after else len(imu))]
+    if len(moving) < 2:
+        raise DataError('recording: the sensor never moves; record the ride')
+    first, last = int(moving[0]), int(moving[-1])
     return Motion(
         time_s=imu.time_s,
         force=body.specific_force,
