@@ -11,7 +11,7 @@ import yaml
 from track_localization.cli.common import assignment, guarded, plain, say, settings_help
 from track_localization.errors import DataError
 from track_localization.io.bags import BagWriter
-from track_localization.io.tables import Markers, write_markers
+from track_localization.io.tables import write_markers
 from track_localization.settings import override
 from track_localization.sim.coaster import (
     SCENARIOS,
@@ -131,8 +131,7 @@ def write(ride: SimulatedRide, folder: Path, info: dict[str, object]) -> None:
         bag.write_odometry('ground_truth/odometry', ride.truth)
     write_track(folder / 'track.csv', ride.track)
     write_design_ride(folder / 'design_ride.csv', ride.design)
-    marks = ride.markers
-    write_markers(folder / 'markers.csv', Markers(marks.time_s, marks.name, marks.position))
+    write_markers(folder / 'markers.csv', ride.markers)
     text = yaml.safe_dump(info, sort_keys=False, default_flow_style=None)
     (folder / 'ride_info.yaml').write_text(text, encoding='utf-8')
     print(folder)

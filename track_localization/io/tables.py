@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
+from track_localization.track.markers import Markers as Markers
 
 Array = NDArray[np.float64]
 
@@ -41,25 +42,6 @@ class Table:
 
     numbers: dict[str, Array]
     texts: dict[str, list[str]]
-
-
-@dataclasses.dataclass(frozen=True)
-class Markers:
-    """
-    Known places and the times they were passed.
-
-    Attributes:
-        time_s: (N,) times of passing in the recording's clock [s].
-        name: N names.
-        position: (N, 3) design positions in ``map`` [m].
-    """
-
-    time_s: Array
-    name: tuple[str, ...]
-    position: Array
-
-    def __len__(self) -> int:
-        return len(self.time_s)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What an IMU makes of true motion: bias, bias walk, scale, noise, clipping, its mount, its clock."""
+"""What an IMU makes of true motion: bias, walk, scale, noise, clipping, its mount, its clock."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ImuErrors:
 
 
 def draw_mount(rng: Generator, errors: ImuErrors) -> Array:
-    """Return R_bm (3, 3), sensor to body: by ``mount`` small angles, a fixed angle or any at all."""
+    """Return R_bm (3, 3), sensor to body: small angles, a fixed angle or any, by ``mount``."""
     if errors.mount == 'gauss':
         return so3.exp(np.radians(errors.mount_sigma_deg) * rng.standard_normal(3))
     if errors.mount == 'angle':

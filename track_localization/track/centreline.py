@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -245,7 +247,7 @@ def _longest_advance(chainage: Array) -> tuple[int, int]:
     """Return the index range of the longest stretch that never runs back (1 cm tolerated)."""
     back = np.flatnonzero(np.diff(chainage) < -1e-4) + 1
     edges = np.concatenate([[0], back, [len(chainage)]])
-    gains = [chainage[b - 1] - chainage[a] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    gains = [chainage[b - 1] - chainage[a] for a, b in pairwise(edges)]
     i = int(np.argmax(gains))
     return int(edges[i]), int(edges[i + 1])
 

@@ -14,9 +14,9 @@ from track_localization.errors import DataError
 
 Array = NDArray[np.float64]
 
-COLUMNS = tuple(
-    'time_s,chainage_m,x_m,y_m,z_m,qx,qy,qz,qw,vx_mps,vy_mps,vz_mps,'
-    'fx_mps2,fy_mps2,fz_mps2,wx_radps,wy_radps,wz_radps'.split(',')
+COLUMNS = (
+    *('time_s', 'chainage_m', 'x_m', 'y_m', 'z_m', 'qx', 'qy', 'qz', 'qw', 'vx_mps', 'vy_mps'),
+    *('vz_mps', 'fx_mps2', 'fy_mps2', 'fz_mps2', 'wx_radps', 'wy_radps', 'wz_radps'),
 )
 """Columns of ``design_ride.csv``, in the order they are written."""
 
@@ -99,6 +99,7 @@ def write_design_ride(path: str | Path, ride: DesignRide) -> None:
             ride.angular_rate,
         ]
     )
+    table = np.where(np.abs(table) < 1e-9, 0.0, table)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     formats = ['%.6f'] * 5 + ['%.9f'] * 4 + ['%.6f'] * 9

@@ -12,7 +12,10 @@ from track_localization.errors import DataError
 
 Array = NDArray[np.float64]
 
-COLUMNS = tuple('No.,PosX,PosY,PosZ,FrontX,FrontY,FrontZ,LeftX,LeftY,LeftZ,UpX,UpY,UpZ'.split(','))
+COLUMNS = (
+    *('No.', 'PosX', 'PosY', 'PosZ', 'FrontX', 'FrontY', 'FrontZ'),
+    *('LeftX', 'LeftY', 'LeftZ', 'UpX', 'UpY', 'UpZ'),
+)
 """Columns as they are written."""
 
 MAP_FROM_FILE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -55,7 +58,7 @@ def write_track(path: str | Path, track: TrackFile, delimiter: str = ',') -> Non
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open('w', encoding='utf-8') as out:
         out.write(delimiter.join(COLUMNS) + '\n')
-        for number, row in enumerate(table + 0.0, start=1):
+        for number, row in enumerate(np.where(np.abs(table) < 1e-9, 0.0, table), start=1):
             out.write(delimiter.join([str(number), *(f'{v:.9f}' for v in row)]) + '\n')
 
 

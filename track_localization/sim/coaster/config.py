@@ -82,7 +82,7 @@ class CoasterSimConfig:
     ride: RideErrors = RideErrors()
     track: TrackErrors = TrackErrors()
     vibration: Vibration = Vibration()
-    imu: ImuErrors = ImuErrors()
+    imu: ImuErrors = dataclasses.field(default_factory=ImuErrors)
     clock: Clock = Clock()
 
 
@@ -106,12 +106,8 @@ SCENARIOS: Mapping[str, Mapping[str, Any]] = {
 """Differences of each scenario from the defaults; ``shuttle`` also selects the shuttle track."""
 
 PERFECT: Mapping[str, Any] = {
-    **{
-        f'ride.{name}': 0.0
-        for name in (
-            'mass friction drag wind_mps chain tyres launch brake brake_shift_m start_m'.split()
-        )
-    },
+    **{f'ride.{name}': 0.0 for name in ('mass', 'friction', 'drag', 'wind_mps', 'chain')},
+    **{f'ride.{name}': 0.0 for name in ('tyres', 'launch', 'brake', 'brake_shift_m', 'start_m')},
     'track.deviations': 0.0,
     'track.seat_m': 0.0,
     'vibration.scale': 0.0,

@@ -96,53 +96,65 @@ def _hump(share: float) -> Array:
     return np.asarray(ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2))
 
 
-def bend(angle_deg: float, radius: float, share: float = 0.35, name: str = 'bend') -> Element:
-    """Change the slope, at its tightest with ``radius``; the next element starts sloping."""
-    angle = np.radians(angle_deg)
+def profile(
+    levels: list[tuple[float, float]], angles_deg: list[float], name: str = 'hills'
+) -> list[Element]:
+    """
+    Go up and down between levels: a grade, a hill, or hills and valleys in a row.
+
+    Args:
+        levels: (height [m], tightest radius [m]) of the start, of each crest and valley, and of
+            the end; start and end are level.
+        angles_deg: slope between each two, all positive.
+        name: of all its elements.
+
+    Raise ValueError when the bends alone gain more than two levels are apart.
+    """
+    heights = [height for height, _ in levels]
+    slopes = [np.radians(a) * np.sign(h) for a, h in zip(angles_deg, np.diff(heights), strict=True)]
+    around = [0.0, *slopes, 0.0]
+    bends = [
+        _bend(after - before, radius, name)
+        for before, after, (_, radius) in zip(around[:-1], around[1:], levels, strict=True)
+    ]
+    out = [bends[0]]
+    for i, slope in enumerate(slopes):
+        rise = heights[i + 1] - heights[i]
+        gained = _gain(bends[i], around[i])[1] + _gain(bends[i + 1], slope)[0]
+        left = (rise - gained) / np.sin(slope)
+        if left < 0.0:
+            raise ValueError(f'{name}: {rise} m is too little; the bends alone take {gained:.1f} m')
+        out += [_element(name, left), bends[i + 1]]
+    return out
+
+
+def _bend(angle: float, radius: float, name: str, share: float = 0.35) -> Element:
+    """Change the slope by ``angle`` [rad], at its tightest with ``radius``."""
     return _element(name, abs(angle) * radius / (1.0 - share), slope=angle * ease(share))
+
+
+def _gain(bend: Element, slope: float) -> tuple[float, float]:
+    """Return the height gained in a bend entered at ``slope``: up to where it is level, after."""
+    s = slope + bend.slope
+    level = int(np.argmin(np.abs(s)))
+    climb = np.sin(s) * bend.length
+    before = float(np.trapezoid(climb[: level + 1], _U[: level + 1]))
+    return before, float(np.trapezoid(climb[level:], _U[level:]))
 
 
 def grade(
     rise: float, angle_deg: float, first_radius: float, second_radius: float, name: str = 'grade'
 ) -> list[Element]:
-    """
-    Climb (or drop, if ``rise`` is negative) by a straight slope of ``angle_deg`` and level out.
-
-    Raise ValueError when the bends alone gain more than ``rise``.
-    """
-    sign = np.sign(rise)
-    angle = abs(angle_deg) * sign
-    into = bend(angle, first_radius, name=name)
-    out = bend(-angle, second_radius, name=name)
-    shared = _reach(into, 0.0) + _reach(out, np.radians(angle))
-    left = (rise - shared) / np.sin(np.radians(angle))
-    if left < 0.0:
-        raise ValueError(
-            f'{name}: {rise} m is too little for {angle_deg} deg; bends take {shared:.1f} m'
-        )
-    return [into, _element(name, left), out]
-
-
-def _reach(element: Element, slope: float) -> float:
-    return float(np.trapezoid(np.sin(slope + element.slope), _U) * element.length)
+    """Climb (or drop, if ``rise`` is negative) by a straight slope and level out."""
+    return profile([(0.0, first_radius), (rise, second_radius)], [angle_deg], name)
 
 
 def hill(
     height: float, angle_deg: float, valley: float, crest: float, name: str = 'hill'
 ) -> list[Element]:
     """Go over a hill; ``valley`` and ``crest`` are the tightest radii."""
-    up = bend(angle_deg, valley, name=name)
-    over = bend(-2.0 * angle_deg, crest, name=name)
-    slope = np.radians(angle_deg)
-    half = np.where(_U <= 0.5, np.sin(slope + over.slope), 0.0)
-    shared = _reach(up, 0.0) + float(np.trapezoid(half, _U) * over.length)
-    left = (height - shared) / np.sin(slope)
-    if left < 0.0:
-        raise ValueError(
-            f'{name}: {height} m is too low for {angle_deg} deg; bends take {shared:.1f} m'
-        )
-    down = bend(angle_deg, valley, name=name)
-    return [up, _element(name, left), over, _element(name, left), down]
+    levels = [(0.0, valley), (height, crest), (0.0, valley)]
+    return profile(levels, [angle_deg, angle_deg], name)
 
 
 def loop(bottom: float, top: float, aside: float, name: str = 'loop') -> list[Element]:

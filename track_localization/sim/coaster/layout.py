@@ -155,8 +155,7 @@ def bank(
 
 def to_track(layout: Layout, closed_gap: float = 1e-6) -> TrackFile:
     """Return the track's rows about every 0.5 m; a circuit's last row precedes its first."""
-    every = max(int(round(ROW_SPACING / STEP)), 1)
-    count = (len(layout.s) - 1) // every + 1
+    count = int(layout.length / ROW_SPACING) + 1
     s = np.linspace(0.0, layout.length, count)
     columns = np.column_stack([layout.position, layout.heading, layout.slope, layout.roll])
     rows = CubicSpline(layout.s, columns)(s)

@@ -80,7 +80,7 @@ class SeatPath:
         up -= np.sum(up * forward, axis=1, keepdims=True) * forward
         up /= np.linalg.norm(up, axis=1, keepdims=True)
         R = np.stack([forward, np.cross(up, forward), up], axis=-1)
-        arm = np.asarray(seat_offset) + [0.0, 0.0, train.seat_height_m]
+        arm = seat_offset + np.array([0.0, 0.0, train.seat_height_m])
         position = 0.5 * (front + rear) + R @ arm
         quaternion = so3.quat_from_matrix(R)
         flips = np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0)
@@ -96,12 +96,10 @@ class SeatPath:
         span = float(s[-1] - s[0])
         if not self.closed:
             return UniformSpline(values, span)
-        pad = 12
-        sign = 1.0
-        if values.shape[1] == 4 and float(values[0] @ values[-1]) < 0.0:
-            sign = -1.0
-        knots = np.concatenate([s[-pad - 1 : -1] - span, s, s[1 : pad + 1] + span])
-        wrapped = np.concatenate([sign * values[-pad - 1 : -1], values, sign * values[1 : pad + 1]])
+        turned = values.shape[1] == 4 and float(values[0] @ values[-1]) < 0.0
+        sign, before, after = -1.0 if turned else 1.0, slice(-13, -1), slice(1, 13)
+        knots = np.concatenate([s[before] - span, s, s[after] + span])
+        wrapped = np.concatenate([sign * values[before], values, sign * values[after]])
         slopes = CubicSpline(knots, wrapped)(np.array([s[0], s[-1]]), 1)
         return UniformSpline(values, span, True, slopes)
 
@@ -127,7 +125,7 @@ class SeatPath:
         return self._position(np.asarray(s) - self._start)
 
     def chainage(self, s: Array) -> Array:
-        """Return the seat's own chainage (N,), projected on the design line; laps go on counting."""
+        """Return the seat's chainage (N,), projected on the design line; laps go on counting."""
         return s + self._offset(np.asarray(s) - self._start)[..., 0]
 
 

@@ -16,7 +16,8 @@ from track_localization.estimation.trajectory import Trajectory
 from track_localization.sim import imu_error
 from track_localization.sim.coaster import as_built, marking
 from track_localization.sim.coaster.config import CoasterSimConfig, RideErrors
-from track_localization.sim.coaster.dynamics import DONE, STEP_S, WHY, Conditions, Run, run_train
+from track_localization.sim.coaster.dynamics import DONE, WHY, Conditions, Run, run_train
+from track_localization.sim.coaster.kernels import GUST_STEP_S, STEP_S
 from track_localization.sim.coaster.ride_plan import RidePlan
 from track_localization.sim.coaster.seat import SeatPath
 from track_localization.sim.coaster.tracks import TRACKS, built_in
@@ -98,7 +99,7 @@ def prepare(track: TrackFile, plan: RidePlan, name: str = 'track') -> CoasterMod
     return CoasterModel(name, track, plan, line, seat, design, marking.places(line, run))
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def built_in_model(name: str) -> CoasterModel:
     """Return a built-in track made ready; raise DataError for an unknown name."""
     if name not in TRACKS:
@@ -108,7 +109,7 @@ def built_in_model(name: str) -> CoasterModel:
 
 
 def simulate_coaster(
-    track: str | CoasterModel, config: CoasterSimConfig = CoasterSimConfig(), seed: int = 1
+    track: str | CoasterModel, config: CoasterSimConfig | None = None, seed: int = 1
 ) -> SimulatedRide:
     """
     Simulate one ride; the same arguments give the same bits.
@@ -117,6 +118,7 @@ def simulate_coaster(
     the train of this seed does not get round.
     """
     model = built_in_model(track) if isinstance(track, str) else track
+    config = config or CoasterSimConfig()
     ride_rng, track_rng, imu_rng, vibration_rng, clock_rng = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
     )
@@ -182,7 +184,7 @@ def draw_conditions(rng: Generator, errors: RideErrors, plan: RidePlan) -> Condi
     start = float(e.start_m * rng.standard_normal())
     course, wind = rng.uniform(0.0, np.pi), e.wind_mps * float(rng.standard_normal())
     shifts = e.brake_shift_m * rng.standard_normal(len(plan.zones))
-    keep = np.exp(-0.5 / e.gust_time_s)
+    keep = np.exp(-GUST_STEP_S / e.gust_time_s)
     steps = rng.standard_normal(2000)
     gusts = itertools.accumulate(
         steps[1:], lambda g, n: keep * g + np.sqrt(1.0 - keep**2) * n, initial=steps[0]
@@ -245,17 +247,17 @@ def _vibration(
 def _sampled(run: Run, dt: float, before: float, after: float) -> tuple[Array, Array, Array, Array]:
     """Return time, s, v, a (N,) every ``dt`` with standstill before and after the run."""
     count = int(np.floor((before + run.time_s[-1] + after) / dt)) + 1
-    t = dt * np.arange(count)
+    t = np.asarray(dt * np.arange(count), dtype=np.float64)
     x = np.clip(t - before, 0.0, run.time_s[-1])
     inside = (t >= before) & (t <= before + run.time_s[-1])
     i = np.minimum((x / STEP_S).astype(np.int64), len(run.s) - 2)
     h, u = STEP_S, x / STEP_S - i
     s0, s1, v0, v1 = run.s[i], run.s[i + 1], run.v[i], run.v[i + 1]
     s = s0 + h * u * v0 + u**2 * (3.0 * (s1 - s0) - h * (2.0 * v0 + v1))
-    s += u**3 * (2.0 * (s0 - s1) + h * (v0 + v1))
+    s = s + u**3 * (2.0 * (s0 - s1) + h * (v0 + v1))
     v = (1.0 - u) * v0 + u * v1
     a = (1.0 - u) * run.a[i] + u * run.a[i + 1]
-    return t, s, np.where(inside, v, 0.0), np.where(inside, a, 0.0)
+    return t, s, np.asarray(np.where(inside, v, 0.0)), np.asarray(np.where(inside, a, 0.0))
 
 
 def _design_ride(line: Centreline, seat: SeatPath, run: Run) -> DesignRide:

@@ -26,7 +26,7 @@ class Track:
     plan: RidePlan
 
 
-@functools.lru_cache(maxsize=None)
+@functools.cache
 def built_in(name: str) -> Track:
     """Return a built-in track; raise KeyError for an unknown name."""
     design = DESIGNS[name]

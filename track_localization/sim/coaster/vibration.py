@@ -33,9 +33,14 @@ def vibrate(
     at 18 Hz.
 
     Args:
-        speed, chainage: (N,) of row 1 at each sample [m/s, m].
+        rng: of this run.
+        speed: (N,) at each sample [m/s].
+        chainage: (N,) of row 1 [m].
         rate_hz: sampling rate.
         rms: at 20 m/s [unit of the result].
+        resonance_hz: lowest and highest of the axes' resonances.
+        joint_spacing: between rail joints [m].
+        wheelbase: between the bogies [m].
     """
     count = len(speed)
     level = np.abs(speed) / FULL_SPEED
