@@ -1,0 +1,185 @@
+"""What ``evaluate coaster`` and ``locate`` are given: the recording and the files beside it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from coaster_localization.config import CoasterConfig
+from coaster_localization.inputs import check_track
+from track_localization.errors import DataError
+from track_localization.io import bags
+from track_localization.io.recording import Recording, read_recording
+from track_localization.io.tables import Markers, read_markers
+from track_localization.settings import load_yaml, override, walk
+from track_localization.track.design_ride import DesignRide, read_design_ride
+
+NODES = ('srdtw_matcher', 'coaster_eskf')
+"""Sections of a parameter file that hold estimator settings; those of other nodes are skipped."""
+
+OF_NODES_ONLY = {'frame_map', 'frame_base', 'frame_imu', 'publish_tf', 'use_sim_time'}
+IMU_TOPIC, TRUTH_TOPIC = 'imu/data_raw', 'ground_truth/odometry'
+
+
+@dataclasses.dataclass(frozen=True)
+class Inputs:
+    """
+    A ride to evaluate.
+
+    Attributes:
+        recording: the IMU, what is odd about it, and the truth if there is one.
+        design: the design ride.
+        config: every setting.
+        markers: timed places, if there are any.
+        files: what was read, by role.
+    """
+
+    recording: Recording
+    design: DesignRide
+    config: CoasterConfig
+    markers: Markers | None
+    files: dict[str, Path]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments that ``read_inputs`` reads."""
+    parser.add_argument('bag', type=Path, help='bag folder, .mcap, .db3, or Sensor Logger export')
+    parser.add_argument('--track', type=Path, help='track.csv, checked against the design ride')
+    parser.add_argument('--design-ride', type=Path, help='design_ride.csv')
+    parser.add_argument('--markers', type=Path, help='markers.csv')
+    parser.add_argument('--config', type=Path, help='parameter file of the nodes (YAML)')
+    parser.add_argument(
+        '--remap',
+        action='append',
+        default=[],
+        type=_remapping,
+        metavar='FROM:=TO',
+        help=f'read TO from the bag where {IMU_TOPIC} or {TRUTH_TOPIC} is meant',
+    )
+    parser.add_argument('--truth-topic', help=f'topic of the ground truth ({TRUTH_TOPIC})')
+    parser.add_argument('--platform', choices=('auto', 'ios', 'android'), default='auto')
+    parser.add_argument('--units', choices=('auto', 'si', 'g', 'deg', 'g_deg'), default='auto')
+
+
+def read_inputs(args: argparse.Namespace) -> Inputs:
+    """
+    Read the recording and its files; those not named are looked for beside the bag.
+
+    Raise DataError, naming the file and the remedy, for what is missing or unusable.
+    """
+    config, named = (CoasterConfig(), {}) if args.config is None else read_config(args.config)
+    files = {'bag': args.bag}
+    for role, given in (
+        ('track', args.track or named.get('track')),
+        ('design_ride', args.design_ride or named.get('design_ride')),
+        ('markers', args.markers),
+    ):
+        path = given or beside(args.bag, f'{role}.csv')
+        if path is not None:
+            files[role] = path
+    recording = _read_recording(args)
+    if 'design_ride' not in files:
+        raise DataError(
+            f'{args.bag}: no design_ride.csv beside it; name one with --design-ride. '
+            '`simulate coaster --track track.csv --ride ride.yaml` makes one for a track that was '
+            'exported without timing'
+        )
+    design = read_design_ride(files['design_ride'])
+    if 'track' in files:
+        check_track(str(files['track']), design)
+    markers = read_markers(files['markers']) if 'markers' in files else None
+    return Inputs(recording, design, config, markers, files)
+
+
+def beside(bag: Path, name: str) -> Path | None:
+    """Return the file of that name in the bag's folder or the folder around it, else None."""
+    folder = bag if bag.is_dir() else bag.parent
+    for place in (folder, folder.resolve().parent):
+        if (place / name).is_file():
+            return place / name
+    return None
+
+
+def read_config(path: Path) -> tuple[CoasterConfig, dict[str, Path]]:
+    """
+    Read a ROS parameter file: settings of the matcher and the filter, and the files it names.
+
+    Sections are ``/**``, ``srdtw_matcher`` and ``coaster_eskf``, in any namespace, each with
+    ``ros__parameters``. Raise DataError for an unknown name, or two nodes that disagree.
+    """
+    values: dict[str, Any] = {}
+    for section, body in load_yaml(path).items():
+        node = str(section).rsplit('/', 1)[-1]
+        if node not in (*NODES, '**', '*'):
+            continue
+        if not isinstance(body, dict) or not isinstance(body.get('ros__parameters'), dict):
+            raise DataError(f'{path}: section {section} has no ros__parameters')
+        for name, value in _flat(body['ros__parameters']).items():
+            if values.get(name, value) != value:
+                raise DataError(
+                    f'{path}: {name} is {values[name]} for one node and {value} for the other; '
+                    'give both the same'
+                )
+            values[name] = value
+    named: dict[str, Path] = {}
+    for role in ('track', 'design_ride'):
+        if value := values.pop(role, None):
+            named[role] = Path(str(value))
+    settings = {k: v for k, v in values.items() if k not in OF_NODES_ONLY}
+    try:
+        return override(CoasterConfig(), settings), named
+    except DataError as error:
+        raise DataError(f'{path}: {error}') from None
+
+
+def config_text(config: CoasterConfig) -> str:
+    """Return every setting as ``name: value unit``, those that differ from the default marked."""
+    lines = []
+    for (name, field, value), (_, _, default) in zip(
+        walk(config), walk(CoasterConfig()), strict=True
+    ):
+        unit = f' {field.metadata["unit"]}' if field.metadata.get('unit') else ''
+        mark = f'   (default {default})' if value != default else ''
+        lines.append(f'{name}: {value}{unit}{mark}')
+    return '\n'.join(lines)
+
+
+def _read_recording(args: argparse.Namespace) -> Recording:
+    remap = {name.strip('/'): topic for name, topic in args.remap}
+    strange = set(remap) - {IMU_TOPIC, TRUTH_TOPIC}
+    if strange:
+        raise DataError(
+            f'--remap {min(strange)}: the coaster reads {IMU_TOPIC} and {TRUTH_TOPIC} only'
+        )
+    wanted = args.truth_topic or remap.get(TRUTH_TOPIC)
+    recording = read_recording(
+        args.bag,
+        remap.get(IMU_TOPIC, IMU_TOPIC),
+        args.platform,
+        args.units,
+        wanted or TRUTH_TOPIC,
+    )
+    if wanted and recording.truth is None:
+        topics = ', '.join(bags.list_topics(args.bag)) if recording.kind == 'bag' else 'none'
+        raise DataError(f'{args.bag}: no odometry on {wanted}; topics here: {topics}')
+    return recording
+
+
+def _flat(content: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in content.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f'{prefix}{name}.')
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat
+
+
+def _remapping(text: str) -> tuple[str, str]:
+    name, sign, topic = text.partition(':=')
+    if not sign or not name or not topic:
+        raise argparse.ArgumentTypeError(f'{text!r} is not from:=to')
+    return name, topic

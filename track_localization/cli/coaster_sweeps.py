@@ -1,0 +1,106 @@
+"""The fused error by the observation covariance and by channel: the paper's Figures 14 and 15."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.config import CoasterConfig
+from coaster_localization.matching import Match
+from coaster_localization.methods import apply_mount, observations
+from coaster_localization.pipeline import CoasterEskf
+from coaster_localization.smoothing import estimates_to_trajectory, run_filter
+from track_localization.cli.coaster_results import Reference, match_trajectory
+from track_localization.estimation.imu import ImuSeries
+from track_localization.estimation.trajectory import Trajectory
+from track_localization.track.centreline import Centreline
+from track_localization.track.design_ride import DesignRide
+from track_localization.track.line_table import LineTable
+
+Array = NDArray[np.float64]
+
+LAMBDA_Y = (0.01, 0.1, 1.0)
+RATIO = (1.0, 10.0, 100.0, 1000.0, 10000.0)
+LAMBDA_X = (0.1, 1.0, 10.0, 100.0, 1000.0)
+CHANNEL_RATIO = 1000.0
+CHANNELS = {'z': 'srdtw_z', 'pitch': 'srdtw_pitch', 'yaw': 'srdtw_yaw', 'roll': 'srdtw_roll'}
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweeps:
+    """
+    Mean error at markers [m] after the paper's filter.
+
+    Attributes:
+        by_lambda: (J, K) for LAMBDA_Y and RATIO, fed by SRDTW on Z (Fig. 14).
+        matching: that match's own error.
+        by_channel: (K,) for LAMBDA_X at n = 1000, by channel (Fig. 15).
+        matching_by_channel: each match's own error.
+    """
+
+    by_lambda: Array
+    matching: float
+    by_channel: dict[str, Array]
+    matching_by_channel: dict[str, float]
+
+
+def runs(channels: Sequence[str]) -> int:
+    """Return how many times ``sweep`` runs the filter, for progress."""
+    return len(LAMBDA_Y) * len(RATIO) + len(LAMBDA_X) * len(channels)
+
+
+def sweep(
+    imu: ImuSeries,
+    design: DesignRide,
+    config: CoasterConfig,
+    matches: Mapping[str, Match],
+    reference: Reference,
+    step: Callable[[str], None],
+) -> Sweeps:
+    """
+    Run the paper's filter over the grids.
+
+    Args:
+        imu: the recording, in the sensor's axes.
+        design: the design ride.
+        config: settings; only lambda_x, n and the preset are varied.
+        matches: by method name; those of CHANNELS are used, ``srdtw_z`` must be there.
+        reference: must have markers.
+        step: called with a label before each run.
+    """
+    imu = apply_mount(imu, config.mount_rpy_deg)
+    line = LineTable(Centreline.from_design_ride(design))
+
+    def error(match: Match, lambda_x: float, ratio: float, label: str) -> float:
+        step(label)
+        changed = dataclasses.replace(config.eskf, preset='paper', lambda_x=lambda_x, n=ratio)
+        filter_ = CoasterEskf(design, changed, line)
+        feed = observations(match, config.matcher.rate_hz)
+        return _at_markers(estimates_to_trajectory(run_filter(filter_, imu, feed), line), reference)
+
+    grid = [
+        [error(matches['srdtw_z'], y * n, n, f'lambda_y {y:g}, n {n:g}') for n in RATIO]
+        for y in LAMBDA_Y
+    ]
+    by_channel = {
+        channel: np.array(
+            [error(matches[m], x, CHANNEL_RATIO, f'{channel}, lambda_x {x:g}') for x in LAMBDA_X]
+        )
+        for channel, m in CHANNELS.items()
+        if m in matches
+    }
+    own = {
+        channel: _at_markers(match_trajectory(matches[m]), reference)
+        for channel, m in CHANNELS.items()
+        if m in matches
+    }
+    return Sweeps(np.array(grid), own['z'], by_channel, own)
+
+
+def _at_markers(estimate: Trajectory, reference: Reference) -> float:
+    distance = reference.markers(estimate).design
+    known = np.isfinite(distance)
+    return float(distance[known].mean()) if known.any() else float('nan')
