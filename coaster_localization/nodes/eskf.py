@@ -27,6 +27,7 @@ from coaster_localization.observation import MatchObservation
 from coaster_localization.pipeline import CoasterEskf, Estimate
 from track_localization.ros import convert, tf
 from track_localization.ros.diagnostics import Diagnostics, StreamHealth
+from track_localization.ros.fast import advertise, subscribe
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
@@ -58,9 +59,9 @@ class CoasterEskfNode(Node):
         )
         self.create_service(Trigger, '~/reset', self._on_reset)
         pose = PoseWithCovarianceStamped
-        self.create_subscription(pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
-        self.create_subscription(pose, 'srdtw/pose', self.on_match, MEASUREMENT_QOS)
-        self.create_subscription(Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
+        subscribe(self, pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
+        subscribe(self, pose, 'srdtw/pose', self.on_match, MEASUREMENT_QOS)
+        subscribe(self, Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
 
     def _advertise(self) -> None:
         frame = self.config.frame_map
@@ -68,11 +69,9 @@ class CoasterEskfNode(Node):
         self._odometry.header.frame_id = frame
         self._odometry.child_frame_id = self.config.frame_base
         self._chainage.header.frame_id = TRACK_FRAME
-        self._odometry_pub = self.create_publisher(Odometry, 'odometry', OUTPUT_QOS)
-        self._chainage_pub = self.create_publisher(
-            PoseWithCovarianceStamped, 'track/pose', OUTPUT_QOS
-        )
-        self._path_pub = self.create_publisher(Path, 'path', OUTPUT_QOS)
+        self._odometry_pub = advertise(self, Odometry, 'odometry', OUTPUT_QOS)
+        self._chainage_pub = advertise(self, PoseWithCovarianceStamped, 'track/pose', OUTPUT_QOS)
+        self._path_pub = advertise(self, Path, 'path', OUTPUT_QOS)
         self._path: deque[PoseStamped] = deque(maxlen=PATH_LENGTH)
         self._path_next_s = float('-inf')
         self._path_new = False

@@ -23,6 +23,7 @@ from coaster_localization.observation import MatchObservation
 from coaster_localization.online import OnlineMatcher
 from track_localization.ros import convert
 from track_localization.ros.diagnostics import Diagnostics, StreamHealth
+from track_localization.ros.fast import advertise, subscribe
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
@@ -44,10 +45,10 @@ class SrdtwMatcherNode(Node):
         self._lag_s = float('nan')
         self._msg = PoseWithCovarianceStamped()
         self._msg.header.frame_id = config.frame_map
-        self._pose_pub = self.create_publisher(PoseWithCovarianceStamped, 'srdtw/pose', OUTPUT_QOS)
+        self._pose_pub = advertise(self, PoseWithCovarianceStamped, 'srdtw/pose', OUTPUT_QOS)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.diagnostics = Diagnostics(self, {'imu': self.imu}, self._rejected, self._figures)
-        self.create_subscription(Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
+        subscribe(self, Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
 
     def on_imu(self, msg: Imu) -> None:
         """Push one sample; publish the matches that it makes possible."""

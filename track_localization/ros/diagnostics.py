@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from track_localization.ros.fast import advertise
 from track_localization.ros.qos import OUTPUT_QOS
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -152,7 +153,7 @@ class Diagnostics:
     ) -> None:
         self._node, self._streams = node, streams
         self._core_rejected, self._core_figures = core_rejected, core_figures
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', OUTPUT_QOS)
+        self._publisher = advertise(node, DiagnosticArray, '/diagnostics', OUTPUT_QOS)
         self._last_wall = time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(1.0, self.publish, clock=steady)
