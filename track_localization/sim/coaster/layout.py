@@ -62,8 +62,14 @@ class Layout:
 
 
 def lay(elements: list[Element]) -> Layout:
-    """Lay elements end to end from the origin, level, heading along x."""
+    """
+    Lay elements end to end from the origin, level, heading along x.
+
+    Raise ValueError when their lengths add up to nothing.
+    """
     ends = np.cumsum([0.0] + [e.length for e in elements])
+    if ends[-1] < 1.0:
+        raise ValueError(f'the track does not close: its elements are {ends[-1]:.1f} m long')
     s = np.linspace(0.0, ends[-1], int(np.ceil(ends[-1] / STEP)) + 1)
     angles, banked = np.zeros((len(s), 3)), np.zeros(len(s), dtype=bool)
     base = np.zeros(3)
@@ -106,9 +112,10 @@ def close(build: Callable[[Array], list[Element]], guess: Array) -> Layout:
             (lay(build(x + step)).position[-1, :2] - gap) / 0.1 for step in 0.1 * np.eye(len(x))
         ]
         x = x - np.linalg.pinv(np.stack(slopes, axis=1)) @ gap
-    layout = lay(build(x))
+    elements = build(x)
+    layout = lay(elements)
     gap = layout.position[-1] - layout.position[0]
-    if np.abs(gap).max() > 1e-2:
+    if np.abs(gap).max() > 1e-2 or min(e.length for e in elements) < 0.0:
         raise ValueError(f'the circuit does not close: {gap} m remain with lengths {x}')
     share = (layout.s / layout.length)[:, None]
     return dataclasses.replace(layout, position=layout.position - share * gap)

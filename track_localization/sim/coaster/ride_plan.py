@@ -15,6 +15,12 @@ from track_localization.settings import load_yaml, override, setting, validate
 KINDS = ('tyres', 'chain', 'launch', 'trim', 'brake', 'block', 'station')
 ENDS = ('stop', 'at', 'reversal')
 
+_NOTE = """\
+# Chainages are those of row 1 along the track file and go on counting over laps. Zones pull the
+# train towards speed_mps with at most accel_mps2 and brake towards it with at most brake_mps2.
+# kind: tyres, chain, launch, trim, brake, block, station (stops row 1 at stop_m).
+"""
+
 
 @dataclasses.dataclass(frozen=True)
 class Train:
@@ -151,7 +157,7 @@ def write_plan(path: str | Path, plan: RidePlan, title: str) -> None:
         else:
             content[field.name] = value
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-    Path(path).write_text(f'# {title}\n{text}', encoding='utf-8')
+    Path(path).write_text(f'# {title}\n{_NOTE}{text}', encoding='utf-8')
 
 
 def _differences(entry: Any) -> dict[str, Any]:
