@@ -34,7 +34,7 @@ def draw(
         *_paths(folder, inputs, results),
         *_speeds(folder, inputs, results),
         *_errors(folder, inputs, results, reference),
-        *_matches(folder, inputs, results),
+        *_matches(folder, inputs, results, reference),
     ]
     if sweeps is not None:
         pictures += _sweeps(folder, sweeps)
@@ -76,7 +76,7 @@ def _speeds(folder: Path, inputs: Inputs, results: Results) -> list[Picture]:
 
 def _errors(folder: Path, inputs: Inputs, results: Results, reference: Reference) -> list[Picture]:
     pictures = []
-    truth, markers = inputs.recording.truth, inputs.markers
+    truth, markers = reference.truth, inputs.markers
     rides = {n: e for n, r in results.items() if (e := reference.ride(r.trajectory)) is not None}
     fused = best(results)
     fed_by = results[fused].fed_by if fused is not None else None
@@ -104,7 +104,7 @@ def _errors(folder: Path, inputs: Inputs, results: Results, reference: Reference
     return pictures
 
 
-def _matches(folder: Path, inputs: Inputs, results: Results) -> list[Picture]:
+def _matches(folder: Path, inputs: Inputs, results: Results, reference: Reference) -> list[Picture]:
     names = [n for n in ('dtw_z', 'srdtw_z') if n in results] or [
         n for n in [_shown_match(results)] if n is not None
     ]
@@ -131,7 +131,7 @@ def _matches(folder: Path, inputs: Inputs, results: Results) -> list[Picture]:
     shown = _shown_match(results)
     match = results[shown].match if shown is not None else None
     if match is not None and shown is not None:
-        truth = inputs.recording.truth
+        truth = reference.truth
         file = plots_matching.matched_positions(
             folder / 'fig7_positions.png',
             inputs.design.position,

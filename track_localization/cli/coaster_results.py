@@ -12,7 +12,6 @@ from coaster_localization.matching import Match
 from coaster_localization.methods import MethodResult
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.clock import fit_clock_offset
-from track_localization.evaluation.interpolation import nearest_on_line
 from track_localization.evaluation.metrics import (
     GROSS_M,
     MarkerErrors,
@@ -25,6 +24,8 @@ from track_localization.evaluation.metrics import (
     ride_figures,
 )
 from track_localization.evaluation.tabulate import Table
+from track_localization.track.centreline import Centreline
+from track_localization.track.design_ride import DesignRide
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Reference:
     What estimates are held against; either may be absent.
 
     Attributes:
-        truth: where the vehicle was.
+        truth: where the vehicle was, its chainage along the design line.
         floor: the point of the design line nearest to the truth, the best that a map can give.
         marker_time_s: (K,) times of passing markers [s]; empty without markers.
         marker_position: (K, 3) their design positions [m].
@@ -51,12 +52,21 @@ class Reference:
 
     @classmethod
     def of(
-        cls, truth: Trajectory | None, line: Array, time_s: Array | None, position: Array | None
+        cls,
+        truth: Trajectory | None,
+        design: DesignRide,
+        time_s: Array | None = None,
+        position: Array | None = None,
     ) -> Reference:
-        """Make it from the truth, the design line's positions (N, 3) and the markers."""
+        """Make it from the truth, the design ride, and the markers' times and positions."""
         floor = None
         if truth is not None:
-            floor = Trajectory(truth.time_s, nearest_on_line(truth.position, line))
+            line = Centreline.from_design_ride(design)
+            s = line.nearest(truth.position)
+            floor = Trajectory(truth.time_s, line.position(s))
+            if line.closed:
+                s = np.unwrap(s, period=line.length)
+            truth = dataclasses.replace(truth, chainage=s)
         if time_s is None or position is None:
             time_s, position = np.empty(0), np.empty((0, 3))
         return cls(truth, floor, time_s, position)

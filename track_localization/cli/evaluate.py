@@ -49,7 +49,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
     parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
     parser.add_argument(
-        '--no-sweeps', action='store_true', help="leave out the paper's Figures 14 and 15"
+        '--sweeps',
+        action='store_true',
+        help="draw the paper's Figures 14 and 15 too: some thirty runs of its filter (needs "
+        'markers and srdtw_z)',
     )
     return parser
 
@@ -66,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
         raise DataError(f'--output {args.output}: cannot be made ({error.strerror})') from None
     reference = Reference.of(
         inputs.recording.truth,
-        inputs.design.position,
+        inputs.design,
         None if markers is None else markers.time_s,
         None if markers is None else markers.position,
     )
@@ -114,7 +117,7 @@ def _pictures(
 ) -> list[Picture]:
     matches = {name: r.match for name, r in results.items() if r.match is not None}
     sweeps = None
-    if inputs.markers is not None and 'srdtw_z' in matches and not args.no_sweeps:
+    if args.sweeps and inputs.markers is not None and 'srdtw_z' in matches:
         channels = [c for c, m in coaster_sweeps.CHANNELS.items() if m in matches]
         with Progress(coaster_sweeps.runs(channels), 'sweep') as progress:
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from track_localization.estimation.trajectory import Trajectory
 
@@ -84,31 +83,6 @@ def tangent_of(trajectory: Trajectory) -> Array:
         direction, length, out=np.full_like(direction, np.nan), where=length > 1e-9
     )
     return unit
-
-
-def nearest_on_line(points: Array, line: Array) -> Array:
-    """
-    Return the point of the polyline ``line`` (K, 3) nearest to each of ``points`` (N, 3).
-
-    The search starts from the nearest vertex, so vertices should lie closer together than the
-    line comes to itself.
-    """
-    keep = np.concatenate([[True], np.linalg.norm(np.diff(line, axis=0), axis=1) > 1e-6])
-    line = line[keep]
-    if len(line) < 2:
-        return np.broadcast_to(line[0], points.shape).copy()
-    _, vertex = cKDTree(line).query(np.nan_to_num(points))
-    best = np.full(points.shape, np.nan)
-    shortest = np.full(len(points), np.inf)
-    for first in (vertex - 1, vertex):
-        a = np.clip(first, 0, len(line) - 2)
-        step = line[a + 1] - line[a]
-        share = np.einsum('ij,ij->i', points - line[a], step) / np.einsum('ij,ij->i', step, step)
-        foot = line[a] + np.clip(share, 0.0, 1.0)[:, None] * step
-        distance = np.linalg.norm(points - foot, axis=1)
-        nearer = distance < shortest
-        best[nearer], shortest[nearer] = foot[nearer], distance[nearer]
-    return best
 
 
 def _chainage(trajectory: Trajectory, i: NDArray[np.int64], u: Array) -> Array | None:

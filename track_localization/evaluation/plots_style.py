@@ -12,9 +12,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 COLOURS: Mapping[str, str] = {
     'truth': '#000000',
-    'design': '#8c8c8c',
+    'design': '#b0b0b0',
     'imu': '#b22222',
-    'dtw_z': '#a6761d',
+    'dtw_z': '#7f7f7f',
     'dtw_penalised': '#e69f00',
     'srdtw_z': '#0072b2',
     'srdtw_pitch': '#56b4e9',

@@ -52,7 +52,7 @@ def paths_3d(
     if markers is not None and len(markers):
         axes.scatter(*markers.T, s=22, c='#d55e00', depthshade=False, label='markers')
     limits = (axes.get_xlim(), axes.get_ylim(), axes.get_zlim())
-    axes.set_box_aspect([high - low for low, high in limits], zoom=1.25)
+    axes.set_box_aspect([high - low for low, high in limits], zoom=1.0)
     axes.set_xlabel('x [m]')
     axes.set_ylabel('y [m]')
     axes.set_zlabel('z [m]')

@@ -5,7 +5,7 @@ import pytest
 
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation import metrics
-from track_localization.evaluation.interpolation import at_times, nearest_on_line, speed_of
+from track_localization.evaluation.interpolation import at_times, speed_of
 
 
 @pytest.fixture
@@ -120,11 +120,3 @@ def test_what_cannot_be_computed_is_absent(truth):
 def test_an_estimate_that_never_overlaps_gives_no_figures(truth):
     late = Trajectory(truth.time_s + 100.0, truth.position)
     assert metrics.ride_figures(metrics.ride_errors(late, truth)) == {'covered': 0.0}
-
-
-def test_nearest_point_of_a_polyline():
-    line = np.array([[0.0, 0, 0], [0.0, 0, 0], [10.0, 0, 0], [10.0, 10, 0]])
-    points = np.array([[5.0, 1.0, 2.0], [-3.0, 4.0, 0.0], [12.0, 4.0, 0.0]])
-    np.testing.assert_allclose(
-        nearest_on_line(points, line), [[5.0, 0, 0], [0.0, 0, 0], [10.0, 4.0, 0]]
-    )
