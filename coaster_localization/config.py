@@ -65,7 +65,24 @@ class MatcherConfig:
     doubt_m: float = setting(10.0, 'm', 'a match further off than this is a gross one', 0.1, 1e3)
     sigma_floor_m: float = setting(0.05, 'm', 'least standard deviation of a match', 0.0, 100.0)
     # online
-    observation_rate_hz: float = setting(5.0, 'Hz', 'rate of emitted matches, online', 0.1, 100.0)
+    observation_rate_hz: float = setting(5.0, 'Hz', 'rate of emitted matches', 0.1, 100.0)
+    lag_s: float = setting(1.0, 's', 'age of the sample that is matched', 0.0, 10.0)
+    online_rate_hz: float = setting(25.0, 'Hz', 'rate of the rows compared', 5.0, 100.0)
+    online_low_pass_hz: float = setting(2.5, 'Hz', 'causal low-pass of the series', 0.1, 50.0)
+    online_noise: float = setting(
+        2.5, '', "variance of a row's distance, for errors that last", 1e-6, 1e6
+    )
+    pace_change: float = setting(
+        0.02, '', 'probability per row of each neighbouring pace', 0.0, 0.5
+    )
+    jump: float = setting(0.01, '', 'probability per row of one row more or less', 0.0, 0.3)
+    gap_s: float = setting(1.0, 's', 'pause in the samples after which all is sought', 0.05, 10.0)
+    seek_after_s: float = setting(
+        3.0, 's', 'without a rest for so long, the ride is taken to be under way', 0.5, 600.0
+    )
+    lost_misfit: float = setting(60.0, '', 'mean distance above which all is sought', 1.0, 1e9)
+    lost_after_s: float = setting(5.0, 's', 'time over which it is averaged', 0.1, 100.0)
+    unsure_m: float = setting(30.0, 'm', 'matches less sure than this are kept back', 0.1, 1e4)
 
 
 PAPER_MATCHER: Mapping[str, Any] = {

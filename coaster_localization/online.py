@@ -1,0 +1,203 @@
+"""Match a ride against the design ride while it goes on: samples in, places out a second later."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.config import MatcherConfig
+from coaster_localization.observation import MatchObservation, observation_covariance
+from coaster_localization.planned import Features, PlannedRows
+from coaster_localization.rest import RestWatch
+from coaster_localization.sensed import shortest_turn
+from coaster_localization.stamps import GAP, RESTART, StampCheck
+from coaster_localization.ticks import FORCE, RATE, Ticker
+from coaster_localization.tracker import Tracker
+from track_localization.errors import DataError
+from track_localization.estimation import so3
+from track_localization.estimation.imu import ImuSample
+from track_localization.track.design_ride import DesignRide
+
+Array = NDArray[np.float64]
+
+WAITING, RIDING = 'waiting', 'riding'
+CROSS_SIGMA_M = 0.05
+NO_RATE = np.zeros(3)
+
+
+class OnlineMatcher:
+    """
+    Places on the design line from a stream of IMU samples.
+
+    It waits for a rest, levels the sensor and learns the gyro bias from it, and follows the ride
+    from the station on. A stream that does not begin at rest is sought on the whole line. Work
+    per sample is bounded by the design's length, memory by that and the lag.
+
+    Attributes:
+        rejected: samples that were not used, and leaps of the clock, by reason.
+    """
+
+    def __init__(self, design: DesignRide, config: MatcherConfig) -> None:
+        """Prepare; raise DataError for channels that cannot be followed live."""
+        if config.channel not in ('multi', 'z'):
+            raise DataError(
+                f'matcher.channel {config.channel!r}: live matching has multi and z; the Euler '
+                'angles are for whole recordings'
+            )
+        self._design, self._config = design, config
+        self._start_R_nb = so3.matrix_from_quat(design.quaternion[0])
+        self._plans: dict[str, PlannedRows] = {}
+        self._lag = round(config.lag_s * config.online_rate_hz)
+        self.rejected: Counter[str] = Counter()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the ride, wait for a new one."""
+        config = self._config
+        self._stamps = StampCheck(config.gap_s)
+        self._ticker = Ticker(config.online_rate_hz, config.gap_s)
+        self._rest = RestWatch(config.online_rate_hz)
+        self._has_gyro: bool | None = None
+        self._phase = WAITING
+        self._ticks = 0
+        self._tracker: Tracker | None = None
+        self._misfit = 0.0
+        self._last: MatchObservation | None = None
+        self._sigma = float('nan')
+        self._due_s = -math.inf
+
+    def push(self, sample: ImuSample) -> list[MatchObservation]:
+        """Take a sample; return the matches that are due, stamped with the sample matched."""
+        has_gyro = bool(np.isfinite(sample.angular_rate).all())
+        if self._has_gyro is None:
+            self._has_gyro = has_gyro
+        if not np.isfinite(sample.specific_force).all() or (self._has_gyro and not has_gyro):
+            self.rejected['not_finite'] += 1
+            return []
+        verdict = self._stamps(sample.time_s)
+        if verdict == RESTART:
+            self.rejected['restart'] += 1
+            self.reset()
+            return self.push(sample)
+        if verdict == GAP:
+            self.rejected['gap'] += 1
+            self._lose()
+        elif verdict != 'good':
+            self.rejected[verdict] += 1
+            return []
+        rate = sample.angular_rate if self._has_gyro else NO_RATE
+        found = []
+        for time_s, row in self._ticker.push(sample.time_s, sample.specific_force, rate):
+            match = self._tick(time_s, row)
+            if match is not None:
+                found.append(match)
+        return found
+
+    def diagnostics(self) -> dict[str, float | str]:
+        """Return figures that tell how the match stands."""
+        return {
+            'match_phase': self._phase,
+            'match_sigma_m': self._sigma,
+            'match_misfit': self._misfit,
+            'match_chainage_m': self._last.chainage if self._last else float('nan'),
+            'match_rows_in_doubt': float(self._tracker.width) if self._tracker else 0.0,
+        }
+
+    def _tick(self, time_s: float, row: Array) -> MatchObservation | None:
+        """Take one tick; return a match if one is due."""
+        self._ticks += 1
+        held = self._rest.push(self._in_sensor_axes(row))
+        if held and (self._phase == WAITING or self._arrived()):
+            self._level()
+        if self._tracker is None:
+            waited = self._ticks > self._config.seek_after_s * self._config.online_rate_hz
+            if self._rest.gravity is None and not waited:
+                return None
+            self._begin('multi' if self._rest.gravity is not None else 'no_vertical')
+        waiting = self._phase == WAITING and held and self._rest.gravity is not None
+        if not waiting:
+            self._phase = RIDING
+        assert self._tracker is not None
+        features = self._features(row[None], np.array([waiting]))[0]
+        self._tracker.advance(features, held)
+        self._watch_misfit()
+        return self._match(time_s)
+
+    def _in_sensor_axes(self, row: Array) -> Array:
+        raw = row.copy()
+        raw[FORCE] = self._ticker.R_bm.T @ row[FORCE]
+        raw[RATE] = self._ticker.R_bm.T @ row[RATE] + self._ticker.gyro_bias
+        return raw
+
+    def _level(self) -> None:
+        """Take mount, attitude and gyro bias from the rest that goes on."""
+        if self._rest.gravity is None:
+            return
+        ticker = self._ticker
+        ticker.R_bm = shortest_turn(self._rest.gravity, self._start_R_nb[2])
+        ticker.gyro_bias = self._rest.gyro_bias.copy() if self._has_gyro else np.zeros(3)
+        ticker.R_nb = self._start_R_nb.copy()
+        if self._phase != WAITING:
+            self._phase, self._tracker = WAITING, None
+
+    def _begin(self, which: str) -> None:
+        """Start to follow: from the station after a rest, else from anywhere."""
+        if self._config.channel == 'z' or not self._has_gyro:
+            which = 'z'
+        config = self._config
+        if which not in self._plans:
+            self._plans[which] = PlannedRows(self._design, which, config)
+        plan = self._plans[which]
+        self._plan, self._features = plan, Features(which, config)
+        self._tracker = Tracker(
+            plan.features, self._lag, config.online_noise, config.pace_change, config.jump
+        )
+        known = self._rest.gravity is not None and self._phase == WAITING
+        self._tracker.start(0, plan.departure + 1 if known else len(plan.features))
+        self._misfit = 0.0
+
+    def _lose(self) -> None:
+        """Seek the whole line: time has passed of which nothing is known."""
+        self._ticker.restart()
+        self._phase = RIDING
+        if self._tracker is not None:
+            self._begin('no_vertical')
+
+    def _watch_misfit(self) -> None:
+        """Seek anew when the place that is followed has not fitted for seconds."""
+        assert self._tracker is not None
+        config = self._config
+        share = 1.0 / (config.lost_after_s * config.online_rate_hz)
+        self._misfit += share * (self._tracker.fit - self._misfit)
+        if self._misfit > config.lost_misfit and self._phase == RIDING:
+            self.rejected['lost'] += 1
+            self._begin('no_vertical')
+
+    def _arrived(self) -> bool:
+        """Tell whether the ride is over: the train has stood for seconds where it ends."""
+        if self._tracker is None or self._rest.held_s < self._config.rest_s or not self._last:
+            return False
+        return self._last.chainage > self._plan.chainage[-1] - 3.0
+
+    def _match(self, time_s: float) -> MatchObservation | None:
+        if time_s < self._due_s or self._tracker is None or self._tracker.rows < self._lag:
+            return None
+        config, plan = self._config, self._plan
+        chance, first = self._tracker.look_back(self._lag)
+        rows = slice(first, first + len(chance))
+        mean_s = float(chance @ plan.time_s[rows])
+        chainage = float(chance @ plan.chainage[rows])
+        variance = float(chance @ (plan.chainage[rows] - chainage) ** 2)
+        self._sigma = math.sqrt(variance + config.sigma_floor_m**2)
+        self._due_s = time_s + 1.0 / config.observation_rate_hz - 0.5 / config.online_rate_hz
+        if self._sigma > config.unsure_m:
+            return None
+        position, quaternion, chainage = plan.place(mean_s)
+        across = min(CROSS_SIGMA_M, self._sigma) ** 2
+        V = observation_covariance(so3.matrix_from_quat(quaternion), self._sigma**2, across, across)
+        stamp = time_s - self._lag / config.online_rate_hz
+        self._last = MatchObservation(stamp, position, quaternion, V, chainage)
+        return self._last
