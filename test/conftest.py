@@ -152,6 +152,14 @@ def ros() -> Iterator[Ros]:
     bench.close()
 
 
+@pytest.fixture(scope='module')
+def ros_module() -> Iterator[Ros]:
+    """One bench for a whole module: property-based tests make many examples of one test."""
+    bench = Ros()
+    yield bench
+    bench.close()
+
+
 def circle_ride(rest_s: float = 3.0, ride_s: float = 30.0, rate_hz: float = 100.0) -> DesignRide:
     """
     Return a ride on a level circle of 40 m radius from its closed form: rest, then 2 m/s^2 to 12.
