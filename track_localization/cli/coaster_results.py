@@ -95,7 +95,9 @@ def figures(result: MethodResult, reference: Reference, duration_s: float) -> di
         out |= {'match': _match_figures(result.match, reference)}
         if result.fed_by is not None:
             out['fed_by'] = result.fed_by
-            out['ratio_to_matching'] = _ratios(out, result.match, reference)
+            fed = _fed_figures(result.match, reference)
+            out['fed'] = fed
+            out['ratio_to_matching'] = _ratios(out, fed)
     seconds = sum(result.runtime_s.values())
     out['runtime_s'], out['stages'] = seconds, dict(result.runtime_s)
     out['real_time_factor'] = seconds / duration_s if duration_s > 0.0 else None
@@ -166,17 +168,22 @@ def _match_figures(match: Match, reference: Reference) -> dict[str, float]:
     return out
 
 
-def _ratios(own: dict[str, Any], match: Match, reference: Reference) -> dict[str, float]:
+def _fed_figures(match: Match, reference: Reference) -> dict[str, Any]:
+    """Return the figures of the match that a filter was fed, with which its own are compared."""
     fed = match_trajectory(match)
-    theirs = marker_figures(reference.markers(fed))
+    out = marker_figures(reference.markers(fed))
     ride = reference.ride(fed)
     if ride is not None:
-        theirs |= ride_figures(ride)
+        out |= ride_figures(ride)
+    return {name: out[name] for name in ('markers_m', 'position_m') if name in out}
+
+
+def _ratios(own: dict[str, Any], fed: dict[str, Any]) -> dict[str, float]:
     ratios = {}
     for name in ('markers_m', 'position_m'):
-        mine, other = _dig(own, (name, 'mean')), _dig(theirs, (name, 'mean'))
+        mine, other = _dig(own, (name, 'mean')), _dig(fed, (name, 'mean'))
         if mine is not None and other:
-            ratios[name] = float(mine) / float(other)
+            ratios[name] = mine / other
     return ratios
 
 
