@@ -114,10 +114,10 @@ class OnlineMatcher:
             self._level()
         if self._tracker is None:
             waited = self._ticks > self._config.seek_after_s * self._config.online_rate_hz
-            if self._rest.gravity is None and not waited:
+            if not self._rest.known and not waited:
                 return None
-            self._begin('multi' if self._rest.gravity is not None else 'no_vertical')
-        waiting = self._phase == WAITING and held and self._rest.gravity is not None
+            self._begin('multi' if self._rest.known else 'no_vertical')
+        waiting = self._phase == WAITING and held and self._rest.known
         if not waiting:
             self._phase = RIDING
         assert self._tracker is not None
@@ -134,7 +134,7 @@ class OnlineMatcher:
 
     def _level(self) -> None:
         """Take mount, attitude and gyro bias from the rest that goes on."""
-        if self._rest.gravity is None:
+        if not self._rest.known:
             return
         ticker = self._ticker
         ticker.R_bm = shortest_turn(self._rest.gravity, self._start_R_nb[2])
@@ -155,7 +155,7 @@ class OnlineMatcher:
         self._tracker = Tracker(
             plan.features, self._lag, config.online_noise, config.pace_change, config.jump
         )
-        known = self._rest.gravity is not None and self._phase == WAITING
+        known = self._rest.known and self._phase == WAITING
         self._tracker.start(0, plan.departure + 1 if known else len(plan.features))
         self._misfit = 0.0
 

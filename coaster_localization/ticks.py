@@ -78,7 +78,7 @@ def _push(
     step: float,
     out: Array,
 ) -> int:
-    """Integrate the line from the last sample to this one; ``clock`` is (last stamp, tick begin)."""
+    """Integrate from the last sample to this one; ``clock`` is (last stamp, tick's begin)."""
     now = np.empty(WIDTH)
     now[0:3] = R_bm @ force
     now[3:6] = R_bm @ (rate - bias)
