@@ -101,6 +101,34 @@ def sweep(
     return Sweeps(np.array(grid), own['z'], by_channel, own)
 
 
+def as_figures(sweeps: Sweeps) -> dict[str, float]:
+    """Return the sweeps under names such as ``ly0.1_n100`` and ``pitch_lx10``; see ``collect``."""
+    out = {'match': sweeps.matching}
+    out |= {f'match_{channel}': value for channel, value in sweeps.matching_by_channel.items()}
+    for j, y in enumerate(LAMBDA_Y):
+        out |= {f'ly{y:g}_n{n:g}': float(sweeps.by_lambda[j, k]) for k, n in enumerate(RATIO)}
+    for channel, row in sweeps.by_channel.items():
+        out |= {f'{channel}_lx{x:g}': float(row[k]) for k, x in enumerate(LAMBDA_X)}
+    return out
+
+
+def collect(rides: Sequence[Mapping[str, float]]) -> Sweeps | None:
+    """Return the medians over rides of what ``as_figures`` gave; None for no rides."""
+    if not rides:
+        return None
+
+    def median(name: str) -> float:
+        return float(np.median([ride[name] for ride in rides]))
+
+    channels = [c for c in CHANNELS if all(f'match_{c}' in ride for ride in rides)]
+    return Sweeps(
+        np.array([[median(f'ly{y:g}_n{n:g}') for n in RATIO] for y in LAMBDA_Y]),
+        median('match'),
+        {c: np.array([median(f'{c}_lx{x:g}') for x in LAMBDA_X]) for c in channels},
+        {c: median(f'match_{c}') for c in channels},
+    )
+
+
 def _at_markers(estimate: Trajectory, reference: Reference) -> float:
     distance = reference.markers(estimate).design
     known = np.isfinite(distance)

@@ -1,0 +1,225 @@
+"""The simulated rides behind ``reproduce coaster``: run in worker processes, kept as CSV files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coaster_localization
+import track_localization
+from coaster_localization.config import CoasterConfig
+from coaster_localization.methods import run_methods
+from track_localization.cli import coaster_sweeps
+from track_localization.cli.coaster_results import Reference, figures, floor_figures
+from track_localization.errors import DataError
+from track_localization.evaluation.provenance import fingerprint
+from track_localization.settings import override
+from track_localization.sim.coaster import (
+    SCENARIOS,
+    CoasterSimConfig,
+    SimulatedRide,
+    scenario,
+    simulate_coaster,
+)
+
+SMALL_MOUNT = 'mount1'
+SMALL_MOUNT_DEG = 1.0
+"""Nominal rides with the mount turned by exactly this about a random axis, as SMALL_MOUNT."""
+
+Figures = dict[str, float | str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """One ride to simulate, the methods to run on it, and whether to sweep the covariance."""
+
+    track: str
+    scenario: str
+    seed: int
+    methods: tuple[str, ...]
+    sweep: bool = False
+
+    @property
+    def file(self) -> str:
+        """Name of the file that keeps its figures."""
+        return f'{self.scenario}_{self.track}_{self.seed}.csv'
+
+
+@dataclasses.dataclass(frozen=True)
+class Ride:
+    """
+    Figures of one ride.
+
+    Attributes:
+        track, scenario, seed: which ride.
+        about: of the ride itself: ``mount_deg``, ``duration_s``, or ``failed`` with the reason.
+        methods: dotted names as in metrics.json, e.g. ``markers_m.mean``, by method.
+    """
+
+    track: str
+    scenario: str
+    seed: int
+    about: Figures
+    methods: Mapping[str, Figures]
+
+
+def run_task(task: Task) -> Ride:
+    """Simulate one ride, run its methods and return the figures; a failure is told, not raised."""
+    about: Figures = {}
+    methods: dict[str, Figures] = {}
+    try:
+        ride = simulate_coaster(task.track, simulation(task.scenario), task.seed)
+        about = {
+            'mount_deg': mount_angle_deg(ride.R_bm),
+            'duration_s': float(ride.imu.time_s[-1] - ride.imu.time_s[0]),
+        }
+        _run_methods(ride, task, about, methods)
+    except DataError as error:
+        about['failed'] = str(error)
+    return Ride(task.track, task.scenario, task.seed, about, methods)
+
+
+def simulation(name: str) -> CoasterSimConfig:
+    """Return the errors of a scenario, SMALL_MOUNT included."""
+    if name == SMALL_MOUNT:
+        changes = {'imu.mount': 'angle', 'imu.mount_angle_deg': SMALL_MOUNT_DEG}
+        return override(scenario('nominal'), changes)
+    return scenario(name)
+
+
+def scenarios() -> tuple[str, ...]:
+    """Return the names that ``simulation`` knows."""
+    return (*SCENARIOS, SMALL_MOUNT)
+
+
+def mount_angle_deg(R_bm: np.ndarray) -> float:
+    """Return by what angle the sensor is turned in the body [deg]."""
+    return float(np.rad2deg(np.arccos(np.clip(0.5 * (np.trace(R_bm) - 1.0), -1.0, 1.0))))
+
+
+def code_fingerprint() -> str:
+    """Return a hash of the code and settings that the figures depend on."""
+    system = Path(coaster_localization.__file__).parent
+    shared = Path(track_localization.__file__).parent
+    here = shared / 'cli'
+    return fingerprint(
+        [
+            *(p for p in sorted(system.glob('*.py'))),
+            *(shared / room for room in ('estimation', 'track', 'sim')),
+            *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'interpolation')),
+            *(here / f'{n}.py' for n in ('coaster_results', 'coaster_sweeps', 'reproduce_rides')),
+        ]
+    )
+
+
+def kept_rides(
+    tasks: Sequence[Task], folder: Path, code: str | None
+) -> tuple[list[Ride], list[Task]]:
+    """Return the rides whose files serve (see ``read_ride``), and the tasks left to run."""
+    found = [(task, read_ride(folder / task.file, task, code)) for task in tasks]
+    return [ride for _, ride in found if ride is not None], [t for t, ride in found if ride is None]
+
+
+def run_rides(tasks: Sequence[Task], folder: Path, jobs: int, code: str) -> Iterator[Ride]:
+    """Run the tasks, ``jobs`` at a time; write the file of each and yield it as it ends."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for task, ride in _pool(tasks, jobs):
+        write_ride(folder / task.file, ride, code)
+        yield ride
+
+
+def write_ride(path: Path, ride: Ride, code: str) -> None:
+    """Write a ride as rows ``method,figure,value``; whole or not at all."""
+    rows = [('', 'code', code), *(('', k, v) for k, v in ride.about.items())]
+    rows += [(m, k, v) for m, entry in ride.methods.items() for k, v in entry.items()]
+    part = path.with_suffix('.part')
+    with part.open('w', encoding='utf-8', newline='') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(('method', 'figure', 'value'))
+        writer.writerows((m, k, repr(v) if isinstance(v, float) else v) for m, k, v in rows)
+    part.replace(path)
+
+
+def read_ride(path: Path, task: Task, code: str | None) -> Ride | None:
+    """
+    Return a kept ride, or None where there is none that serves.
+
+    It serves when it was made by the same ``code`` (None: by any) and has all that the task wants.
+    """
+    if not path.is_file():
+        return None
+    about: Figures = {}
+    methods: dict[str, Figures] = {}
+    with path.open(encoding='utf-8', newline='') as file:
+        for row in csv.DictReader(file):
+            entry = methods.setdefault(row['method'], {}) if row['method'] else about
+            entry[row['figure']] = _value(row['value'])
+    if code is not None and about.pop('code', None) != code:
+        return None
+    wanted = set(task.methods) if 'failed' not in about else set()
+    swept = 'failed' in about or not task.sweep or any(k.startswith('sweep.') for k in about)
+    if not wanted <= set(methods) or not swept:
+        return None
+    return Ride(task.track, task.scenario, task.seed, about, methods)
+
+
+def flat(content: Mapping[str, Any], prefix: str = '') -> Figures:
+    """Return nested figures under dotted names."""
+    out: Figures = {}
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            out |= flat(value, f'{prefix}{name}.')
+        else:
+            out[prefix + name] = value if isinstance(value, str) else float(value)
+    return out
+
+
+def _value(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _run_methods(
+    ride: SimulatedRide, task: Task, about: Figures, methods: dict[str, Figures]
+) -> None:
+    config = CoasterConfig()
+    reference = Reference.of(ride.truth, ride.design, ride.markers.time_s, ride.markers.position)
+    about |= flat(floor_figures(reference), 'floor.')
+    matches = {}
+    for result in run_methods(ride.imu, ride.design, config, task.methods):
+        duration_s = float(about['duration_s'])
+        methods[result.name] = flat(figures(result, reference, duration_s))
+        if result.match is not None:
+            matches[result.name] = result.match
+    if task.sweep:
+        sweeps = coaster_sweeps.sweep(
+            ride.imu, ride.design, config, matches, reference, lambda _: None
+        )
+        about |= flat(coaster_sweeps.as_figures(sweeps), 'sweep.')
+
+
+def _pool(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Ride]]:
+    """Run the tasks, ``jobs`` at a time, and yield each as it ends."""
+    if jobs <= 1:
+        for task in tasks:
+            yield task, run_task(task)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
+        running: dict[Future[Ride], Task] = {pool.submit(run_task, t): t for t in tasks}
+        try:
+            while running:
+                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in ended:
+                    yield running.pop(future), future.result()
+        finally:
+            for future in running:
+                future.cancel()
