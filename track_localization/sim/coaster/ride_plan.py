@@ -105,15 +105,19 @@ class RidePlan:
         i = blocks[0]
         block = self.zones[i]
         stop = dataclasses.replace(block, kind='station', stop_m=block.end_m - 1.0, phase=0)
-        later = [
-            dataclasses.replace(z, phase=z.phase + 1) if z.phase >= 0 else z for z in self.zones
-        ]
-        later[i] = dataclasses.replace(block, phase=1)
+        later = [dataclasses.replace(z, phase=_after_stop(z, block)) for z in self.zones]
         return dataclasses.replace(
             self,
             zones=(*later, stop),
             phases=(Phase(1, 'stop', hold_s=hold_s), *self.phases),
         )
+
+
+def _after_stop(zone: Zone, block: Zone) -> int:
+    """Return the phase of a zone once a stop in ``block`` comes first: what lies beyond waits."""
+    if zone.phase >= 0:
+        return zone.phase + 1
+    return 1 if zone.start_m >= block.start_m else -1
 
 
 def read_plan(path: str | Path) -> RidePlan:
