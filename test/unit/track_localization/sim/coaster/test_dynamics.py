@@ -34,20 +34,22 @@ def after_release(run, until: float = 12.0):
     return run.time_s[i:j] - run.time_s[i], run.v[i:j]
 
 
-def plan(train: Train, *zones: Zone, start: float = 20.0) -> RidePlan:
-    return RidePlan(train=train, start_m=start, zones=zones or (NOTHING,))
+def plan(train: Train, *zones: Zone, start: float = 20.0, until: float = 1e6) -> RidePlan:
+    """Return a ride that is over when row 1 reaches ``until``."""
+    phases = (Phase(1, 'at', at_m=until),)
+    return RidePlan(train=train, start_m=start, zones=zones or (NOTHING,), phases=phases)
 
 
 def test_free_fall_on_an_incline():
     """Without friction, v grows by g sin(slope)."""
-    t, v = after_release(run_train(incline(), plan(BARE)), 10.0)
+    t, v = after_release(run_train(incline(), plan(BARE, until=300.0)), 10.0)
     np.testing.assert_allclose(v, v[0] + GRAVITY * np.sin(SLOPE) * t, atol=1e-6)
 
 
 def test_rolling_friction_on_an_incline():
     """With friction, by g (sin - mu cos)."""
     train = dataclasses.replace(BARE, friction=0.02)
-    t, v = after_release(run_train(incline(), plan(train)), 10.0)
+    t, v = after_release(run_train(incline(), plan(train, until=300.0)), 10.0)
     slow = GRAVITY * (np.sin(SLOPE) - 0.02 * np.cos(SLOPE))
     np.testing.assert_allclose(v, v[0] + slow * t, atol=1e-5)
 
@@ -55,12 +57,12 @@ def test_rolling_friction_on_an_incline():
 def test_drag_and_head_wind_give_the_terminal_speed():
     """Terminal speed is sqrt(2 m g sin / (rho CdA)) through the air, less the head wind."""
     train = dataclasses.replace(BARE, drag_area_m2=150.0)
-    still = run_train(incline(1500.0), plan(train))
+    still = run_train(incline(1500.0), plan(train, until=1200.0))
     terminal = np.sqrt(2.0 * 5000.0 * GRAVITY * np.sin(SLOPE) / (1.2 * 150.0))
     i = np.searchsorted(still.time_s, 40.0)
     assert still.v[i] == pytest.approx(terminal, rel=1e-4)
     windy = run_train(
-        incline(1500.0), plan(train), Conditions(wind_mps=(-4.0 / np.cos(SLOPE), 0.0))
+        incline(1500.0), plan(train, until=1200.0), Conditions(wind_mps=(-4.0 / np.cos(SLOPE), 0.0))
     )
     assert windy.v[i] == pytest.approx(terminal - 4.0, rel=1e-4)
 
@@ -72,7 +74,7 @@ def test_energy_between_two_levels():
     for cars in (1, 8):
         train = dataclasses.replace(BARE, cars=cars)
         push = Zone('tyres', 0.0, 45.0, 3.0, 2.0)
-        run = run_train(line, plan(train, push, start=22.0))
+        run = run_train(line, plan(train, push, start=22.0, until=210.0))
         before = run.v[np.searchsorted(run.s, 58.0)]
         after = run.v[np.searchsorted(run.s, 200.0)]
         gained = after**2 - before**2
@@ -86,7 +88,9 @@ def test_long_train_hangs_over_the_crest():
     push = Zone('tyres', 0.0, 45.0, 3.0, 2.0)
     speeds = []
     for cars in (1, 8):
-        run = run_train(line, plan(dataclasses.replace(BARE, cars=cars), push, start=22.0))
+        run = run_train(
+            line, plan(dataclasses.replace(BARE, cars=cars), push, start=22.0, until=80.0)
+        )
         speeds.append(run.v[np.searchsorted(run.s, 75.0)])
     assert speeds[0] > speeds[1] + 2.0
 
@@ -96,7 +100,7 @@ def test_launch_does_force_times_length_of_work():
     line = Centreline.from_track(to_track(lay(straight(300.0))))
     zones = (Zone('tyres', 0.0, 40.0, 3.0, 2.0), Zone('launch', 60.0, 110.0, 99.0, 6.0))
     for factor in (1.0, 1.1):
-        run = run_train(line, plan(BARE, *zones), Conditions(launch=factor))
+        run = run_train(line, plan(BARE, *zones, until=140.0), Conditions(launch=factor))
         before, after = run.v[np.searchsorted(run.s, [58.0, 130.0])]
         assert after**2 - before**2 == pytest.approx(2.0 * 6.0 * factor * 50.0, rel=1e-3)
 
@@ -109,7 +113,7 @@ def test_brake_aims_at_its_speed_and_chain_keeps_its_own():
         Zone('tyres', 0.0, 60.0, 2.5, 1.5),
         Zone('chain', 45.0, 120.0, 2.0, 12.0),
     )
-    run = run_train(line, plan(BARE, *zones), Conditions(chain=1.05))
+    run = run_train(line, plan(BARE, *zones, until=90.0), Conditions(chain=1.05))
     assert run.v[np.searchsorted(run.s, 80.0)] == pytest.approx(2.1, abs=0.4)
     level = Centreline.from_track(to_track(lay(straight(300.0))))
     zones = (
@@ -117,7 +121,7 @@ def test_brake_aims_at_its_speed_and_chain_keeps_its_own():
         Zone('launch', 60.0, 110.0, 99.0, 4.0),
         Zone('brake', 150.0, 220.0, 5.0, 0.0, 5.0),
     )
-    run = run_train(level, plan(BARE, *zones))
+    run = run_train(level, plan(BARE, *zones, until=218.0))
     assert run.v[np.searchsorted(run.s, 215.0)] == pytest.approx(5.0, abs=0.05)
 
 
@@ -128,7 +132,8 @@ def test_station_stops_row_one_at_its_mark():
         Zone('tyres', 0.0, 95.0, 3.0, 2.0, 2.0),
         Zone('station', 100.0, 160.0, 3.0, 1.0, 1.5, 140.0),
     )
-    run = run_train(level, plan(BARE, *zones))
+    course = dataclasses.replace(plan(BARE, *zones), phases=(Phase(),))
+    run = run_train(level, course)
     assert run.outcome == 0
     assert run.s[-1] == pytest.approx(140.0, abs=0.1)
     assert abs(run.v[-1]) < 1e-3
