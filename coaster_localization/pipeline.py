@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 
 GAP_S = 0.1
 """A step longer than this was not measured: what the train did in it is unknown."""
+AHEAD_S, EARLY_MATCHES = 5.0, 200
+"""How far ahead of the IMU a match may come [s], and how many wait for their sample."""
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 ZUPT_SIGMA = 0.02
@@ -85,6 +87,7 @@ class CoasterEskf:
         self._match_update = MatchUpdate(self.line, self.config)
         self._waiting: deque[ImuSample] = deque()
         self._rest: Rest | None = None
+        self._early: list[MatchObservation] = []
         self.history: History[FusedState, ImuStep | MatchObservation] | None = None
         self.accepted = {'imu': 0, 'match': 0}
 
@@ -157,27 +160,46 @@ class CoasterEskf:
             return []
         self.accepted['imu'] += 1
         if self.history is None:
-            return self._wait_for_rest(sample)
-        step = self._monitor.push(sample)
-        self.history.add(step.time_s, step)
-        return [self._estimate(step)]
+            estimates = self._wait_for_rest(sample)
+        else:
+            step = self._monitor.push(sample)
+            self.history.add(step.time_s, step)
+            estimates = [self._estimate(step)]
+        if self._early and self.history is not None:
+            early, self._early = self._early, []
+            for match in early:
+                self._push_match(match)
+        return estimates
 
     def _push_match(self, match: MatchObservation) -> None:
         reason = problem(match)
-        if reason is None and self.history is None:
+        newest = self._clock.latest_s
+        if reason is None and newest is not None and match.time_s > newest:
+            # The matcher was quicker with the samples: wait for them.
+            reason = 'ahead_of_imu' if match.time_s > newest + AHEAD_S else self._hold(match)
+        elif reason is None and self.history is None:
             reason = self._start_from_match(match)
-        elif reason is None and self.history is not None:
-            if match.time_s > self.history.newest_s + GAP_S:
-                reason = 'ahead_of_imu'
-            else:
-                try:
-                    self.history.add(match.time_s, match, rank=1)
-                except TooLateError:
-                    reason = 'too_late'
-        if reason is None:
-            self.accepted['match'] += 1
-        else:
+        elif reason is None:
+            reason = self._fuse(match)
+        if reason is not None:
             self._rejections.add('match', reason)
+
+    def _fuse(self, match: MatchObservation) -> str | None:
+        """Put a match in its place in the history; return why not, if it is too old for it."""
+        assert self.history is not None
+        try:
+            self.history.add(match.time_s, match, rank=1)
+        except TooLateError:
+            return 'too_late'
+        self.accepted['match'] += 1
+        return None
+
+    def _hold(self, match: MatchObservation) -> str | None:
+        """Keep a match until its time comes; return why not, where too many are kept already."""
+        if len(self._early) >= EARLY_MATCHES:
+            return 'too_early'
+        self._early.append(match)
+        return None
 
     def _wait_for_rest(self, sample: ImuSample) -> list[Estimate]:
         """Keep samples until they show a standstill long enough to level by."""
@@ -203,12 +225,14 @@ class CoasterEskf:
             return 'before_start'
         nav = state_from_match(match, self.design, self.config)
         if nav is None:
-            return 'before_start'
+            in_reach = match.time_s >= self._waiting[0].time_s
+            return self._hold(match) if in_reach else 'before_start'
         while self._waiting and self._waiting[0].time_s <= match.time_s:
             self._waiting.popleft()
         chainage = self.line.nearest(match.position)
         self._begin(FusedState(nav, chainage, match.time_s, float('nan'), match.time_s))
         self._replay_waiting()
+        self.accepted['match'] += 1
         return None
 
     def _replay_waiting(self) -> list[Estimate]:

@@ -236,3 +236,33 @@ def test_reset_waits_for_a_start_again(ride, line):
     assert 'waiting' in filter_.diagnostics()['status']
     estimates = [e for i in range(200, 400) for e in filter_.push(ride.imu.sample(i))]
     assert len(estimates) == 200
+
+
+@pytest.mark.parametrize('early', [-150, 0, 45, 300])
+def test_when_a_match_arrives_does_not_matter(ride, line, matches, early):
+    """Matches come 1.5 s after their sample, at once, or before it: also before the start."""
+    config, count = EskfConfig(), 3000
+    matches = [m for m in matches if ride.imu.time_s[0] < m.time_s < 125.0]
+    due = np.searchsorted(ride.imu.time_s, [m.time_s for m in matches]) - early
+    filter_, expected = (CoasterEskf(ride.design, config, line) for _ in range(2))
+    run_filter(expected, ride.imu[:count], matches)
+    k = 0
+    for i in range(count):
+        filter_.push(ride.imu.sample(i))
+        while k < len(matches) and due[k] <= i:
+            filter_.push(matches[k])
+            k += 1
+    np.testing.assert_array_equal(filter_.history.state.nav.x, expected.history.state.nav.x)
+    assert filter_.accepted == expected.accepted
+    assert filter_.rejected == expected.rejected == {}
+
+
+def test_a_match_far_ahead_of_the_imu_is_refused(ride, line, matches):
+    filter_ = CoasterEskf(ride.design, EskfConfig(), line)
+    for i in range(300):
+        filter_.push(ride.imu.sample(i))
+    filter_.push(dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 6.0))
+    ahead = dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 1.0)
+    for _ in range(250):
+        filter_.push(ahead)
+    assert filter_.rejected == {'match': {'ahead_of_imu': 1, 'too_early': 50}}
