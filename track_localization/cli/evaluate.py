@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from coaster_localization.methods import METHODS, run_methods
+from coaster_localization.methods import METHODS, MethodResult, run_methods
 from track_localization.cli import coaster_inputs, coaster_pictures, coaster_sweeps
 from track_localization.cli.coaster_results import Reference, figures, floor_figures, table
-from track_localization.cli.common import guarded
+from track_localization.cli.common import guarded, say
 from track_localization.cli.evaluate_files import report_sections, write_bag, write_trajectories
 from track_localization.cli.evaluate_notes import notes
 from track_localization.cli.progress import Progress
@@ -25,11 +24,7 @@ SYSTEMS = ('coaster',)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse arguments, evaluate, write; return the exit code."""
-    return guarded_run(make_parser().parse_args(argv))
-
-
-def guarded_run(args: argparse.Namespace) -> int:
-    """Run with the arguments; 0 done, 1 the data cannot be used."""
+    args = make_parser().parse_args(argv)
     return guarded(lambda: run(args))
 
 
@@ -60,29 +55,59 @@ def make_parser() -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> None:
     """Evaluate one recording as the arguments say."""
     inputs = coaster_inputs.read_inputs(args)
-    imu, markers = inputs.recording.imu, inputs.markers
     for finding in inputs.recording.findings:
-        print(finding)
+        say(str(finding))
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f'--output {args.output}: cannot be made ({error.strerror})') from None
+    markers = inputs.markers
     reference = Reference.of(
         inputs.recording.truth,
         inputs.design,
         None if markers is None else markers.time_s,
         None if markers is None else markers.position,
     )
+    results, metrics = _run_methods(args.methods, inputs, reference)
+    content = _content(args, inputs, reference, metrics)
+    text = json.dumps(content, indent=2, allow_nan=False)
+    (args.output / 'metrics.json').write_text(text + '\n', encoding='utf-8')
+    write_trajectories(args.output, results)
+    write_bag(args.output / 'results', inputs, results)
+    pictures = [] if args.no_plots else _pictures(args, inputs, results, reference)
+    title = 'error [m] over the moving part of the ride' if reference.truth else 'methods'
+    shown, said = table(metrics, title), notes(inputs, results, metrics)
+    settings = coaster_inputs.config_text(inputs.config)
+    sections = report_sections(content, shown, said, pictures, settings)
+    write_report(args.output / 'report.html', f'Roller coaster: {args.bag}', sections)
+    print('\n'.join([shown.text(), '', *said, '', str(args.output / 'report.html')]))
+
+
+def _run_methods(
+    methods: Sequence[str], inputs: coaster_inputs.Inputs, reference: Reference
+) -> tuple[dict[str, MethodResult], dict[str, Any]]:
+    """Return each method's result and its entry in metrics.json."""
+    imu = inputs.recording.imu
     duration_s = float(imu.time_s[-1] - imu.time_s[0])
-    results = {}
+    results: dict[str, MethodResult] = {}
     metrics: dict[str, Any] = {}
-    with Progress(len(args.methods), 'method') as progress:
-        for result in run_methods(imu, inputs.design, inputs.config, args.methods, progress.begin):
+    with Progress(len(methods), 'method') as progress:
+        for result in run_methods(imu, inputs.design, inputs.config, methods, progress.begin):
             results[result.name] = result
             metrics[result.name] = figures(result, reference, duration_s)
             progress.done()
-    begin = time.perf_counter()
-    content = {
+    return results, metrics
+
+
+def _content(
+    args: argparse.Namespace,
+    inputs: coaster_inputs.Inputs,
+    reference: Reference,
+    metrics: dict[str, Any],
+) -> dict[str, Any]:
+    """Return what goes into metrics.json."""
+    imu = inputs.recording.imu
+    return {
         'system': args.system,
         'commit': provenance.commit(),
         'bag': str(args.bag),
@@ -90,26 +115,12 @@ def run(args: argparse.Namespace) -> None:
         'floor': floor_figures(reference),
         'data': {
             'files': {role: str(path) for role, path in inputs.files.items()},
-            'duration_s': duration_s,
+            'duration_s': float(imu.time_s[-1] - imu.time_s[0]),
             'samples': len(imu),
             'rejected': inputs.recording.rejected,
         },
         'machine': provenance.machine(),
     }
-    (args.output / 'metrics.json').write_text(json.dumps(content, indent=2) + '\n')
-    write_trajectories(args.output, results)
-    write_bag(args.output / 'results', inputs, results)
-    pictures = [] if args.no_plots else _pictures(args, inputs, results, reference)
-    title = 'error [m] over the moving part of the ride' if reference.truth else 'methods'
-    shown = table(metrics, title)
-    said = notes(inputs, results, metrics)
-    write_report(
-        args.output / 'report.html',
-        f'Roller coaster: {args.bag}',
-        report_sections(content, shown, said, pictures, coaster_inputs.config_text(inputs.config)),
-    )
-    print('\n'.join(['', shown.text(), '', *said]))
-    print(f'\n{args.output / "report.html"} (written in {time.perf_counter() - begin:.1f} s)')
 
 
 def _pictures(

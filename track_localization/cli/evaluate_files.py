@@ -58,17 +58,8 @@ def report_sections(
     config: str,
 ) -> list[Section]:
     """Return the report: figures first, pictures, then what one needs to repeat them."""
-    timing = Table(
-        'run time by stage [s]',
-        ['method', 'stage', 'time', 'of the ride'],
-        [
-            (name, stage, seconds, f'{seconds / content["data"]["duration_s"]:.2%}')
-            for name, entry in content['methods'].items()
-            for stage, seconds in entry.get('stages', {}).items()
-        ],
-    )
-    floor = content['floor'].get('position_m', {}).get('mean')
     sentences = list(said)
+    floor = content['floor'].get('position_m', {}).get('mean')
     if floor is not None:
         sentences.append(
             f'The design line itself is {floor:.3f} m off the track as built (mean): no method '
@@ -81,19 +72,30 @@ def report_sections(
         'commit': content['commit'],
         **content['machine'],
     }
+    return [
+        Section('Figures', sentences, tables=[figures]),
+        Section('Pictures', pictures=pictures),
+        Section('Run times and refusals', tables=_run_tables(content)),
+        Section('Data, code and machine', facts=facts),
+        Section('Settings', verbatim=config),
+    ]
+
+
+def _run_tables(content: Mapping[str, Any]) -> list[Table]:
+    """Return what each stage took, and what was refused if anything was."""
+    duration_s = content['data']['duration_s']
+    stages = [
+        (name, stage, seconds, f'{seconds / duration_s:.2%}')
+        for name, entry in content['methods'].items()
+        for stage, seconds in entry.get('stages', {}).items()
+    ]
+    tables = [Table('run time by stage [s]', ['method', 'stage', 'time', 'of the ride'], stages)]
     refused = [
         (name, sensor, reason, count)
         for name, entry in content['methods'].items()
         for sensor, counts in entry['rejected'].items()
         for reason, count in counts.items()
     ]
-    tables = [timing]
     if refused:
         tables.append(Table('refused', ['method', 'sensor', 'reason', 'count'], refused))
-    return [
-        Section('Figures', sentences, tables=[figures]),
-        Section('Pictures', pictures=pictures),
-        Section('Run times and refusals', tables=tables),
-        Section('Data, code and machine', facts=facts),
-        Section('Settings', verbatim=config),
-    ]
+    return tables

@@ -6,9 +6,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from track_localization.cli.reproduce_rides import SMALL_MOUNT_DEG, Ride
 from track_localization.evaluation.tabulate import Table
+
+Array = NDArray[np.float64]
 
 MARKERS = 'markers_m.mean'
 NAN = float('nan')
@@ -43,9 +46,14 @@ class Rides:
         """Return those for which ``keep`` holds."""
         return Rides([ride for ride in self.all if keep(ride)])
 
-    def values(self, method: str, figure: str) -> np.ndarray:
+    def values(self, method: str, figure: str) -> Array:
         """Return a figure of every ride that has it."""
         found = (ride.methods.get(method, {}).get(figure) for ride in self.all)
+        return np.array([v for v in found if isinstance(v, float)], dtype=np.float64)
+
+    def about(self, figure: str) -> Array:
+        """Return a figure of the rides themselves, of every ride that has it."""
+        found = (ride.about.get(figure) for ride in self.all)
         return np.array([v for v in found if isinstance(v, float)], dtype=np.float64)
 
     def median(self, method: str, figure: str = MARKERS) -> float:
@@ -149,13 +157,7 @@ def _fused(nominal: Rides, small_mount: Rides) -> list[Goal]:
     fed = small.median('eskf_smoothed', 'fed.' + MARKERS)
     each = small.median('eskf_smoothed', 'ratio_to_matching.markers_m')
     ratio = smoothed / fed if fed > 0.0 else NAN
-    worst, where = NAN, ''
-    for track in nominal.tracks:
-        rides = nominal.on(track)
-        theirs = rides.median('eskf_smoothed', 'fed.' + MARKERS)
-        mine = rides.median('eskf_smoothed') / theirs if theirs > 0.0 else NAN
-        if not mine <= worst:
-            worst, where = mine, track
+    worst, where = _worst_ratio(nominal)
     live = nominal.median('eskf_live', 'position_m.mean')
     everywhere = nominal.median('eskf_smoothed')
     return [
@@ -184,6 +186,18 @@ def _fused(nominal: Rides, small_mount: Rides) -> list[Goal]:
             _at_most(live, 1.5),
         ),
     ]
+
+
+def _worst_ratio(nominal: Rides) -> tuple[float, str]:
+    """Return the greatest eskf_smoothed / match of any track, by medians, and that track."""
+    ratios = {}
+    for track in nominal.tracks:
+        rides = nominal.on(track)
+        theirs = rides.median('eskf_smoothed', 'fed.' + MARKERS)
+        if theirs > 0.0:
+            ratios[track] = rides.median('eskf_smoothed') / theirs
+    where = max(ratios, key=lambda track: ratios[track], default='')
+    return ratios.get(where, NAN), where
 
 
 def _gross(nominal: Rides) -> list[Goal]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import coaster_localization
 import track_localization
@@ -99,7 +100,7 @@ def scenarios() -> tuple[str, ...]:
     return (*SCENARIOS, SMALL_MOUNT)
 
 
-def mount_angle_deg(R_bm: np.ndarray) -> float:
+def mount_angle_deg(R_bm: NDArray[np.float64]) -> float:
     """Return by what angle the sensor is turned in the body [deg]."""
     return float(np.rad2deg(np.arccos(np.clip(0.5 * (np.trace(R_bm) - 1.0), -1.0, 1.0))))
 

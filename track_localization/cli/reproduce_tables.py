@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coaster_localization.methods import METHODS
 from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, collect
 from track_localization.cli.reproduce_goals import MARKERS, Goal, Rides, mount_of
 from track_localization.cli.reproduce_rides import Ride
 from track_localization.evaluation.tabulate import Table
+
+Array = NDArray[np.float64]
 
 PAPER_MATCHING = {'srdtw_z': 0.445, 'srdtw_yaw': 2.191, 'srdtw_pitch': 0.634, 'srdtw_roll': 1.9978}
 """Table 1 of the paper: mean error at 16 markers, two runs each [m]."""
@@ -55,57 +59,39 @@ def paper_table(nominal: Rides, small_mount: Rides) -> Table:
     )
 
 
+METHOD_COLUMNS = (
+    ('ride mean: median', 'position_m.mean', np.median),
+    ('mean', 'position_m.mean', np.mean),
+    ('ride 95 %: median', 'position_m.p95', np.median),
+    ('markers: median', MARKERS, np.median),
+    ('mean', MARKERS, np.mean),
+    ('speed [m/s]', 'speed_mps.mean', np.median),
+    ('NEES/3', 'nees_position_over_3', np.median),
+    ('in 2 sigma', 'inside_2_sigma', np.median),
+    ('real-time factor', 'real_time_factor', np.median),
+)
+"""Heading, figure of a ride, statistic over rides."""
+
+
 def methods_table(nominal: Rides) -> Table:
-    """Return every method: over the ride, at markers, consistency, run time."""
-    rows: list[tuple[str | float, ...]] = []
-    for method in METHODS:
-        if not len(nominal.values(method, 'runtime_s')):
-            continue
-        rows.append(
-            (
-                method,
-                nominal.median(method, 'position_m.mean'),
-                nominal.mean(method, 'position_m.mean'),
-                nominal.median(method, 'position_m.p95'),
-                nominal.median(method),
-                nominal.mean(method),
-                nominal.median(method, 'speed_mps.mean'),
-                nominal.median(method, 'nees_position_over_3'),
-                nominal.median(method, 'inside_2_sigma'),
-                nominal.median(method, 'real_time_factor'),
-            )
-        )
-    floors = [
-        [r.about.get(f'floor.{n}.mean') for r in nominal.all] for n in ('position_m', 'markers_m')
+    """Return every method, and the design line itself, with METHOD_COLUMNS."""
+
+    def row(name: str, values: Callable[[str], Array]) -> list[str | float]:
+        cells: list[str | float] = [name]
+        for _, figure, statistic in METHOD_COLUMNS:
+            found = values(figure)
+            cells.append(float(statistic(found)) if len(found) else float('nan'))
+        return cells
+
+    rows = [
+        row(method, functools.partial(nominal.values, method))
+        for method in METHODS
+        if len(nominal.values(method, 'runtime_s'))
     ]
-    known = [[v for v in column if isinstance(v, float)] for column in floors]
-    if all(known):
-        ride, marker = (np.array(column) for column in known)
-        rows.append(
-            (
-                'floor: the design line',
-                float(np.median(ride)),
-                float(np.mean(ride)),
-                float('nan'),
-                float(np.median(marker)),
-                float(np.mean(marker)),
-                *[float('nan')] * 4,
-            )
-        )
+    rows.append(row('floor: the design line', lambda f: nominal.about(f'floor.{f}')))
     return Table(
         f'All methods over {len(nominal.all)} rides [m]; real-time factor = run time / duration',
-        (
-            'method',
-            'ride mean: median',
-            'mean',
-            'ride 95 %: median',
-            'markers: median',
-            'mean',
-            'speed [m/s]',
-            'NEES/3',
-            'in 2 sigma',
-            'real-time factor',
-        ),
+        ('method', *(heading for heading, _, _ in METHOD_COLUMNS)),
         rows,
     )
 

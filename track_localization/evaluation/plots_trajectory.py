@@ -40,12 +40,9 @@ def paths_3d(
     reach = 0.5 * np.ptp(design, axis=0) + 0.15 * float(np.ptp(design, axis=0).max())
     axes.plot(*design.T, color=colour('design'), lw=3.5, alpha=0.5, label='design')
     for name, path in paths.items():
-        outside = (np.abs(path - centre) > reach).any(axis=1)
-        shown = np.where(outside[:, None], np.nan, path)
+        shown, left = _inside(path, centre, reach)
         label = name
-        if outside.any():
-            left = int(np.argmax(outside))
-            shown[left:] = np.nan
+        if left:
             away = float(np.linalg.norm(path[-1] - design, axis=1).min())
             label += f' (leaves the picture, ends {away:.0f} m off)'
         axes.plot(*shown.T, color=colour(name), lw=1.3, label=label)
@@ -63,6 +60,15 @@ def paths_3d(
     axes.zaxis.set_major_locator(MaxNLocator(4))
     axes.legend(frameon=False, loc='upper left', fontsize='small')
     return save(figure, file)
+
+
+def _inside(path: Array, centre: Array, reach: Array) -> tuple[Array, bool]:
+    """Return the path (N, 3) until it leaves a box, NaN from there on, and whether it does."""
+    outside = (np.abs(path - centre) > reach).any(axis=1)
+    shown = path.copy()
+    if outside.any():
+        shown[int(np.argmax(outside)) :] = np.nan
+    return shown, bool(outside.any())
 
 
 def speeds(
