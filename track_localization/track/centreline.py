@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from track_localization.errors import DataError
 from track_localization.estimation import so3
 from track_localization.track.design_ride import DesignRide
+from track_localization.track.rounding import without_rounding
 from track_localization.track.track_file import TrackFile
 from track_localization.track.uniform_spline import UniformSpline, evaluate
 
@@ -64,8 +65,7 @@ class Centreline:
         """
         Fit a line through a track file; its ends are joined where it is a circuit.
 
-        Chainage is the arc length from the first row. Raise DataError when the rows do not make
-        a line.
+        Chainage is the arc length from the first row. Files with few decimals are smoothed.
         """
         points, attitude = track.position, track.attitude
         spacing = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -75,6 +75,9 @@ class Centreline:
             gap = float(np.linalg.norm(points[-1] - points[0]))
         aligned = float(attitude[0, :, 0] @ attitude[-1, :, 0]) > 0.9
         closed = gap < max(CLOSING_GAP, 2.0 * float(np.median(spacing))) and aligned
+        even = without_rounding(TrackFile(points, *np.moveaxis(attitude, 2, 0)), closed)
+        points, attitude = even.position, even.attitude
+        spacing = np.linalg.norm(np.diff(points, axis=0), axis=1)
         chord = np.concatenate([[0.0], np.cumsum(spacing)])
         s, length = _arc_length(chord, points, gap if closed else 0.0)
         return cls(s, points, attitude, closed, length)

@@ -150,10 +150,7 @@ def test_line_of_a_shuttle_uses_its_longest_run_forward():
     order = order[order < len(ride)]
     folded = DesignRide(
         time_s=np.arange(len(order)) * 0.01,
-        **{
-            name: getattr(ride, name)[order]
-            for name in FIELDS
-        },
+        **{name: getattr(ride, name)[order] for name in FIELDS},
     )
     line = Centreline.from_design_ride(folded)
     np.testing.assert_allclose(line.position(ride.chainage[500]), ride.position[500], atol=1e-4)
