@@ -54,6 +54,13 @@ class MatcherConfig:
     prominence: float = setting(
         0.4, '', "least height of an extremum, in the design series' deviations", 0.01, 5.0
     )
+    plateau: float = setting(
+        0.3,
+        '',
+        'an extremum is cut in the middle of what is this share of prominence off',
+        0.0,
+        1.0,
+    )
     penalty_form: str = setting('power', '', 'form of kg, eq. 14', choices=('power', 'linear'))
     penalty_value: float = setting(
         1.05, '', 'kg = value^d (d in samples at 50 Hz), or 1 + value d (d in 0..1)', 0.0, 1e3
@@ -70,12 +77,12 @@ class MatcherConfig:
     online_rate_hz: float = setting(25.0, 'Hz', 'rate of the rows compared', 5.0, 100.0)
     online_low_pass_hz: float = setting(2.5, 'Hz', 'causal low-pass of the series', 0.1, 50.0)
     online_noise: float = setting(
-        2.5, '', "variance of a row's distance, for errors that last", 1e-6, 1e6
+        1.0, '', "variance of a row's distance, for errors that last", 1e-6, 1e6
     )
     pace_change: float = setting(
-        0.02, '', 'probability per row of each neighbouring pace', 0.0, 0.5
+        0.005, '', 'probability per row of each neighbouring pace', 0.0, 0.5
     )
-    jump: float = setting(0.01, '', 'probability per row of one row more or less', 0.0, 0.3)
+    jump: float = setting(0.02, '', 'probability per row of one row more or less', 0.0, 0.3)
     gap_s: float = setting(1.0, 's', 'pause in the samples after which all is sought', 0.05, 10.0)
     seek_after_s: float = setting(
         3.0, 's', 'without a rest for so long, the ride is taken to be under way', 0.5, 600.0

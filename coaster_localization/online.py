@@ -14,7 +14,7 @@ from coaster_localization.planned import Features, PlannedRows
 from coaster_localization.rest import RestWatch
 from coaster_localization.sensed import shortest_turn
 from coaster_localization.stamps import GAP, RESTART, StampCheck
-from coaster_localization.ticks import FORCE, RATE, Ticker
+from coaster_localization.ticks import Ticker
 from coaster_localization.tracker import Tracker
 from track_localization.errors import DataError
 from track_localization.estimation import so3
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 WAITING, RIDING = 'waiting', 'riding'
 CROSS_SIGMA_M = 0.05
+STATION_M = 3.0
+"""How near the ride's begin or end a standing train is taken to be in the station."""
 NO_RATE = np.zeros(3)
 
 
@@ -109,37 +111,28 @@ class OnlineMatcher:
     def _tick(self, time_s: float, row: Array) -> MatchObservation | None:
         """Take one tick; return a match if one is due."""
         self._ticks += 1
-        held = self._rest.push(self._in_sensor_axes(row))
-        if held and (self._phase == WAITING or self._arrived()):
+        held = self._rest.push(row)
+        if held and (self._phase == WAITING or self._in_station()):
             self._level()
         if self._tracker is None:
             waited = self._ticks > self._config.seek_after_s * self._config.online_rate_hz
-            if not self._rest.known and not waited:
+            if not (self._rest.known or waited):
                 return None
             self._begin('multi' if self._rest.known else 'no_vertical')
-        waiting = self._phase == WAITING and held and self._rest.known
+        waiting = self._phase == WAITING and held
         if not waiting:
             self._phase = RIDING
-        assert self._tracker is not None
-        features = self._features(row[None], np.array([waiting]))[0]
+        features = self._features(self._ticker.in_body(row)[None], np.array([waiting]))[0]
         self._tracker.advance(features, held)
-        self._watch_misfit()
-        return self._match(time_s)
-
-    def _in_sensor_axes(self, row: Array) -> Array:
-        raw = row.copy()
-        raw[FORCE] = self._ticker.R_bm.T @ row[FORCE]
-        raw[RATE] = self._ticker.R_bm.T @ row[RATE] + self._ticker.gyro_bias
-        return raw
+        self._watch_misfit(self._tracker.fit)
+        return self._match(time_s, self._tracker)
 
     def _level(self) -> None:
-        """Take mount, attitude and gyro bias from the rest that goes on."""
-        if not self._rest.known:
-            return
+        """Take mount, attitude and gyro bias from the rest that goes on, and wait for the ride."""
         ticker = self._ticker
         ticker.R_bm = shortest_turn(self._rest.gravity, self._start_R_nb[2])
         ticker.gyro_bias = self._rest.gyro_bias.copy() if self._has_gyro else np.zeros(3)
-        ticker.R_nb = self._start_R_nb.copy()
+        ticker.R_nb[:] = self._start_R_nb
         if self._phase != WAITING:
             self._phase, self._tracker = WAITING, None
 
@@ -166,27 +159,29 @@ class OnlineMatcher:
         if self._tracker is not None:
             self._begin('no_vertical')
 
-    def _watch_misfit(self) -> None:
+    def _watch_misfit(self, fit: float) -> None:
         """Seek anew when the place that is followed has not fitted for seconds."""
-        assert self._tracker is not None
         config = self._config
         share = 1.0 / (config.lost_after_s * config.online_rate_hz)
-        self._misfit += share * (self._tracker.fit - self._misfit)
+        self._misfit += share * (fit - self._misfit)
         if self._misfit > config.lost_misfit and self._phase == RIDING:
             self.rejected['lost'] += 1
             self._begin('no_vertical')
 
-    def _arrived(self) -> bool:
-        """Tell whether the ride is over: the train has stood for seconds where it ends."""
-        if self._tracker is None or self._rest.held_s < self._config.rest_s or not self._last:
+    def _in_station(self) -> bool:
+        """Tell whether a train that stands for seconds has not left yet, or has come back."""
+        if self._tracker is None or self._last is None or self._rest.held_s < self._config.rest_s:
             return False
-        return self._last.chainage > self._plan.chainage[-1] - 3.0
+        chainage, plan = self._last.chainage, self._plan
+        ends = (plan.chainage[plan.departure], plan.chainage[-1])
+        return min(abs(chainage - end) for end in ends) < STATION_M
 
-    def _match(self, time_s: float) -> MatchObservation | None:
-        if time_s < self._due_s or self._tracker is None or self._tracker.rows < self._lag:
+    def _match(self, time_s: float, tracker: Tracker) -> MatchObservation | None:
+        """Return the match of the sample ``lag_s`` ago if one is due and can be told."""
+        if time_s < self._due_s or tracker.rows < self._lag:
             return None
         config, plan = self._config, self._plan
-        chance, first = self._tracker.look_back(self._lag)
+        chance, first = tracker.look_back(self._lag)
         rows = slice(first, first + len(chance))
         mean_s = float(chance @ plan.time_s[rows])
         chainage = float(chance @ plan.chainage[rows])

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 LEARNT_S = 20.0
 SHAKE_FLOOR = np.array([1e-4, 1e-6])
+SLOWLY = 0.02
+"""Largest share of one row in the yardstick of shaking, after the first rest."""
 LARGEST_BIAS = 0.05
 """A mean rate [rad/s] above which the sensor turns, whatever its noise."""
 
@@ -29,14 +31,15 @@ class RestWatch:
     """
 
     def __init__(self, rate_hz: float) -> None:
-        """Expect rows of a Ticker, turned back into the sensor's axes, at ``rate_hz``."""
+        """Expect rows of a Ticker at ``rate_hz``."""
         self._step = 1.0 / rate_hz
         self._recent: deque[Array] = deque(maxlen=max(8, round(rate_hz)))
-        self._short = max(4, round(0.4 * rate_hz))
+        self._short = max(4, round(0.6 * rate_hz))
         self.known = False
         self.held_s = 0.0
         self._mean = np.zeros(WIDTH)
         self._learnt = 0
+        self._learns_shake_slowly = False
 
     @property
     def gravity(self) -> Array:
@@ -66,7 +69,11 @@ class RestWatch:
     def _learn(self, mean: Array, count: int) -> None:
         """Average over the rest so far, LEARNT_S at most; its latest second is not yet in it."""
         self._learnt = min(self._learnt + count, round(LEARNT_S / self._step))
-        self._mean = self._mean + count / self._learnt * (mean - self._mean)
+        share = np.full(WIDTH, count / self._learnt)
+        if self._learns_shake_slowly:
+            share[SHAKE] = np.minimum(share[SHAKE], SLOWLY)
+        self._learns_shake_slowly = True
+        self._mean = self._mean + share * (mean - self._mean)
 
     def _quiet(self) -> bool:
         if len(self._recent) < (self._recent.maxlen or 0):
@@ -80,7 +87,7 @@ class RestWatch:
 
     def _as_quiet_as_before(self) -> bool:
         mean = np.array(self._recent)[-self._short :].mean(axis=0)
-        limit = 2.25 * self._mean[SHAKE] + SHAKE_FLOOR
+        limit = 1.5 * self._mean[SHAKE] + SHAKE_FLOOR
         lengths = np.linalg.norm(mean[FORCE]) * np.linalg.norm(self.gravity)
         level = mean[FORCE] @ self.gravity > LEVEL_AS_IN_STATION * lengths
         return bool((mean[SHAKE] < limit).all() and level)

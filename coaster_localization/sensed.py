@@ -201,10 +201,10 @@ def _held(imu: ImuSeries, rest: slice, gravity: Array) -> NDArray[np.bool_]:
     """
     size = max(3, round(imu.rate_hz))
     shake = _shake(imu.specific_force, size)
-    still = shake < 1.5 * float(np.median(shake[rest])) + 0.005
+    still = shake < 1.25 * float(np.median(shake[rest])) + 0.002
     if imu.has_gyro:
         shake = _shake(imu.angular_rate, size)
-        still &= shake < 1.5 * float(np.median(shake[rest])) + 0.001
+        still &= shake < 1.25 * float(np.median(shake[rest])) + 0.0002
     mean = uniform_filter1d(imu.specific_force, size, axis=0, mode='nearest')
     cosine = mean @ gravity / (np.linalg.norm(mean, axis=1) * np.linalg.norm(gravity) + 1e-9)
     still &= cosine > LEVEL_AS_IN_STATION

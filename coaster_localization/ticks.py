@@ -22,10 +22,10 @@ WIDTH = 11
 
 class Ticker:
     """
-    Means over ticks, in body axes: force, rate, the vertical, and how much the sensor shakes.
+    Means over ticks: force, rate, the vertical, and how much the sensor shakes.
 
-    A row is (11,): force [m/s^2], rate [rad/s], the map's vertical, mean squared change from
-    sample to sample of force and rate.
+    A row is (11,): force [m/s^2] and rate [rad/s] in the sensor's axes, the map's vertical in the
+    body's, mean squared change from sample to sample of force and rate.
 
     Attributes:
         R_bm: (3, 3) sensor to body.
@@ -44,6 +44,13 @@ class Ticker:
         """Forget the latest sample; the next one begins a tick."""
         self._clock = np.full(2, np.nan)
         self._last, self._sums = np.zeros(WIDTH), np.zeros(WIDTH)
+
+    def in_body(self, row: Array) -> Array:
+        """Return the row (11,) with force and rate, bias-free, in body axes."""
+        turned = row.copy()
+        turned[FORCE] = self.R_bm @ row[FORCE]
+        turned[RATE] = self.R_bm @ (row[RATE] - self.gyro_bias)
+        return turned
 
     def push(self, time_s: float, force: Array, rate: Array) -> list[tuple[float, Array]]:
         """Return (middle [s], row) of each tick that this sample completes."""
@@ -80,15 +87,16 @@ def _push(
 ) -> int:
     """Integrate from the last sample to this one; ``clock`` is (last stamp, tick's begin)."""
     now = np.empty(WIDTH)
-    now[0:3] = R_bm @ force
-    now[3:6] = R_bm @ (rate - bias)
+    now[0:3] = force
+    now[3:6] = rate
     if np.isnan(clock[0]):
         clock[0], clock[1] = time, time
         now[6:9], now[9:11] = R_nb[2], 0.0
         last[:], sums[:] = now, 0.0
         return 0
     dt = time - clock[0]
-    R_nb[:] = normalised_one(R_nb @ exp_one(0.5 * dt * (last[3:6] + now[3:6])))
+    turn = R_bm @ (0.5 * (last[3:6] + now[3:6]) - bias)
+    R_nb[:] = normalised_one(R_nb @ exp_one(dt * turn))
     now[6:9] = R_nb[2]
     now[9] = ((now[0:3] - last[0:3]) ** 2).sum()
     now[10] = ((now[3:6] - last[3:6]) ** 2).sum()
