@@ -109,6 +109,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
         'paper': reproduce_tables.paper_table(nominal, small),
         'methods': reproduce_tables.methods_table(nominal),
         'tracks': reproduce_tables.tracks_table(nominal),
+        'gross': reproduce_tables.gross_table(nominal),
     }
     sweeps = reproduce_tables.sweeps_of(nominal)
     if sweeps is not None:

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.methods import METHODS
+from coaster_localization.methods import MATCHING, METHODS
 from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, collect
-from track_localization.cli.reproduce_goals import MARKERS, Goal, Rides, mount_of
+from track_localization.cli.reproduce_goals import MARKERS, Goal, Rides, gross, mount_of
 from track_localization.cli.reproduce_rides import Ride
 from track_localization.evaluation.tabulate import Table
 
@@ -105,6 +105,17 @@ def tracks_table(nominal: Rides) -> Table:
     ]
     columns = [f'{track} ({len(nominal.on(track).all)})' for track in nominal.tracks]
     return Table('Error at markers by track, median over rides [m]', ('method', *columns), rows)
+
+
+def gross_table(nominal: Rides) -> Table:
+    """Return how the gross mismatches of every match are dealt with."""
+    rows: list[tuple[str | float, ...]] = [
+        (method, *(100.0 * value for value in gross(nominal, method)))
+        for method in MATCHING
+        if len(nominal.values(method, 'match.gross_share'))
+    ]
+    columns = ('match', 'off by > 10 m', 'of that flagged', 'within 3 sigma', 'either')
+    return Table('Gross mismatches, share of the moving ride [%]', columns, rows)
 
 
 def sweeps_of(nominal: Rides) -> Sweeps | None:
