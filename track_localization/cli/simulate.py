@@ -23,6 +23,7 @@ from track_localization.sim.coaster import (
     scenario,
     simulate_coaster,
 )
+from track_localization.sim.coaster.designs import DESIGNS
 from track_localization.sim.coaster.ride_plan import read_plan, write_plan
 from track_localization.sim.coaster.simulate import built_in_model
 from track_localization.sim.coaster.tracks import built_in
@@ -147,7 +148,7 @@ def ship(folder: Path) -> None:
 
 
 def _listing() -> str:
-    tracks = '\n'.join(f'  {name:12} {built_in(name).title}' for name in TRACKS)
+    tracks = '\n'.join(f'  {name:12} {DESIGNS[name].title}' for name in TRACKS)
     scenarios = '\n'.join(
         f'  {name:12} ' + (', '.join(f'{k}={v}' for k, v in changes.items()) or 'the defaults')
         for name, changes in SCENARIOS.items()

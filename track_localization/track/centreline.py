@@ -247,7 +247,7 @@ def _arc_length(chord: Array, points: Array, gap: float) -> tuple[Array, float]:
 
 
 def _longest_advance(chainage: Array) -> tuple[int, int]:
-    """Return the index range of the longest stretch that never runs back (1 cm tolerated)."""
+    """Return the index range of the longest stretch that never runs back (0.1 mm tolerated)."""
     back = np.flatnonzero(np.diff(chainage) < -1e-4) + 1
     edges = np.concatenate([[0], back, [len(chainage)]])
     gains = [chainage[b - 1] - chainage[a] for a, b in pairwise(edges)]
