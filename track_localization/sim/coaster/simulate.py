@@ -19,7 +19,7 @@ from track_localization.sim.coaster.config import CoasterSimConfig, RideErrors
 from track_localization.sim.coaster.dynamics import DONE, WHY, Conditions, Run, run_train
 from track_localization.sim.coaster.kernels import GUST_STEP_S, STEP_S
 from track_localization.sim.coaster.ride_plan import RidePlan
-from track_localization.sim.coaster.seat import SeatPath
+from track_localization.sim.coaster.seat import Motion, SeatPath
 from track_localization.sim.coaster.tracks import TRACKS, built_in
 from track_localization.sim.coaster.vibration import vibrate
 from track_localization.track.centreline import Centreline
@@ -125,45 +125,58 @@ def simulate_coaster(
     plan = model.plan
     if config.ride.block_stop_s > 0.0:
         plan = plan.with_block_stop(config.ride.block_stop_s)
-    conditions = draw_conditions(ride_rng, config.ride, plan)
-    before = ride_rng.uniform(*config.ride.dwell_before_s)
-    after = ride_rng.uniform(*config.ride.dwell_after_s)
+    run, before, after = _run(ride_rng, model, plan, config.ride, seed)
+    t, s, v, a = _sampled(run, 1.0 / config.imu.rate_hz, before, after)
+    seat = _built_seat(track_rng, model, config)
+    motion = seat.motion(s, v, a)
+    R_bm = imu_error.draw_mount(imu_rng, config.imu)
+    shake, twist = _vibration(vibration_rng, model.plan, config, v, s)
+    force, rate = imu_error.corrupt(
+        imu_rng,
+        motion.specific_force @ R_bm + shake,
+        motion.angular_rate @ R_bm + twist,
+        config.imu,
+    )
+    start = config.clock.start_s
+    stamps = imu_error.jitter(imu_rng, start + t, config.imu.jitter_s)
+    spread = config.clock.random_offset_s
+    offset = config.clock.offset_s + (clock_rng.uniform(-spread, spread) if spread else 0.0)
+    passing = start + before + marking.passing_times(run, model.marks)
+    return SimulatedRide(
+        imu=ImuSeries(stamps, force, rate),
+        truth=_truth(start + t, motion, seat.chainage(s), model.line),
+        design=model.design,
+        track=model.track,
+        markers=marking.markers(passing + offset, model.seat.position(model.marks)),
+        R_bm=R_bm,
+        clock_offset_s=float(offset),
+    )
+
+
+def _run(
+    rng: Generator, model: CoasterModel, plan: RidePlan, errors: RideErrors, seed: int
+) -> tuple[Run, float, float]:
+    """Run the perturbed train; return the run and the dwell before and after it [s]."""
+    conditions = draw_conditions(rng, errors, plan)
+    before = float(rng.uniform(*errors.dwell_before_s))
+    after = float(rng.uniform(*errors.dwell_after_s))
     run = run_train(model.line, plan, conditions)
     if run.outcome != DONE:
         raise DataError(
             f'{model.name}: with seed {seed} {WHY[run.outcome]} at {run.s[-1]:.1f} m; '
             'take another seed, or milder ride.* errors'
         )
-    seat = _built_seat(track_rng, model, config)
-    t, s, v, a = _sampled(run, 1.0 / config.imu.rate_hz, before, after)
-    motion = seat.motion(s, v, a)
-    R_bm = imu_error.draw_mount(imu_rng, config.imu)
-    force = motion.specific_force @ R_bm
-    rate = motion.angular_rate @ R_bm
-    shake, twist = _vibration(vibration_rng, model.plan, config, v, s)
-    force, rate = imu_error.corrupt(imu_rng, force + shake, rate + twist, config.imu)
-    start = config.clock.start_s
-    stamps = imu_error.jitter(imu_rng, start + t, config.imu.jitter_s)
-    spread = config.clock.random_offset_s
-    offset = config.clock.offset_s + (clock_rng.uniform(-spread, spread) if spread else 0.0)
-    passing = start + before + marking.passing_times(run, model.marks)
-    chainage = seat.chainage(s)
-    truth = Trajectory(
-        time_s=start + t,
+    return run, before, after
+
+
+def _truth(time_s: Array, motion: Motion, chainage: Array, line: Centreline) -> Trajectory:
+    return Trajectory(
+        time_s=time_s,
         position=motion.position,
         quaternion=motion.quaternion,
         velocity=motion.velocity,
-        chainage=chainage % model.line.length if model.line.closed else chainage,
+        chainage=chainage % line.length if line.closed else chainage,
         speed=np.linalg.norm(motion.velocity, axis=1),
-    )
-    return SimulatedRide(
-        imu=ImuSeries(stamps, force, rate),
-        truth=truth,
-        design=model.design,
-        track=model.track,
-        markers=marking.markers(passing + offset, model.seat.position(model.marks)),
-        R_bm=R_bm,
-        clock_offset_s=float(offset),
     )
 
 
