@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization import GRAVITY
 from track_localization.errors import DataError
 from track_localization.estimation import so3
+from track_localization.estimation.imu import ImuSample
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide, read_design_ride
 from track_localization.track.line_table import LineTable
@@ -23,9 +26,11 @@ __all__ = [
     'check_track',
     'line_of',
     'mount_matrix',
+    'quaternion_of',
     'read_design_ride',
     'rotation',
     'start_at_chainage',
+    'warm_up_samples',
 ]
 
 
@@ -39,6 +44,11 @@ def mount_matrix(rpy_deg: tuple[float, float, float]) -> Array | None:
     if not any(rpy_deg):
         return None
     return so3.matrix_from_rpy(*map(math.radians, rpy_deg))
+
+
+def quaternion_of(R_nb: Array) -> Array:
+    """Return the quaternion (4,) x, y, z, w of a rotation (3, 3)."""
+    return so3.quat_from_matrix(R_nb)
 
 
 def rotation(quaternion: Array) -> Array:
@@ -59,6 +69,15 @@ def check_track(path: str, ride: DesignRide) -> None:
         raise DataError(
             f'{path}: the design ride runs {off:.0f} m off this line; name the files of one coaster'
         )
+
+
+def warm_up_samples() -> Iterator[ImuSample]:
+    """Yield three seconds of rest and two of shaking: what makes every part of a core compile."""
+    rng = np.random.default_rng(0)
+    for k in range(500):
+        shake = rng.normal(0.0, 2.0, 3) * (k >= 300)
+        force = np.array([0.0, 0.0, GRAVITY]) + shake
+        yield ImuSample(0.01 * k, force, 0.1 * shake)
 
 
 def start_at_chainage(

@@ -94,6 +94,12 @@ class Ros:
         finally:
             own.shutdown(timeout_sec=0)
 
+    def settle(self, condition: Callable[[], bool], timeout: float = 30.0) -> None:
+        """Wait, the executor spinning in the background, until a condition holds."""
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            time.sleep(0.02)
+
     def _spin_quietly(self) -> None:
         from rclpy.executors import ExternalShutdownException
 
@@ -113,8 +119,10 @@ class Ros:
         """Return a list that fills with the messages of a topic while the executor spins."""
         from rclpy.qos import QoSProfile
 
+        from track_localization.ros.fast import subscribe
+
         received: list[Any] = []
-        node.create_subscription(kind, topic, received.append, QoSProfile(depth=depth))
+        subscribe(node, kind, topic, received.append, QoSProfile(depth=depth))
         return received
 
     def spin_until(self, condition: Callable[[], bool], timeout: float = 10.0) -> bool:

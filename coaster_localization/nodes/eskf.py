@@ -14,6 +14,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType
@@ -21,7 +22,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
-from coaster_localization.inputs import line_of, mount_matrix, rotation, start_at_chainage
+from coaster_localization.inputs import (
+    line_of,
+    mount_matrix,
+    quaternion_of,
+    rotation,
+    start_at_chainage,
+    warm_up_samples,
+)
 from coaster_localization.nodes import inputs
 from coaster_localization.observation import MatchObservation
 from coaster_localization.pipeline import CoasterEskf, Estimate
@@ -40,14 +48,25 @@ PATH_LENGTH = 3000
 class CoasterEskfNode(Node):
     """Fuse IMU and matches; no estimation here, see CoasterEskf."""
 
-    def __init__(self, make_filter: Callable[..., Any] = CoasterEskf, **options: Any) -> None:
-        """Make the node; ``make_filter(design, eskf_config, line)`` returns its core."""
+    def __init__(
+        self,
+        make_filter: Callable[..., Any] = CoasterEskf,
+        warm_up: bool = False,
+        **options: Any,
+    ) -> None:
+        """
+        Make the node; ``make_filter(design, eskf_config, line)`` returns its core.
+
+        ``warm_up`` has everything compiled before the first message can come.
+        """
         super().__init__('coaster_eskf', **inputs.NODE_OPTIONS, **options)
         self.config = inputs.declare(self, PARAMETERS)
         self._R_bm = mount_matrix(self.config.mount_rpy_deg)
         design = inputs.design_ride(self.config)
         self._line = line_of(design)
         self.filter = make_filter(design, self.config.eskf, self._line)
+        if warm_up:
+            self._warm_up()
         now = lambda: self.get_clock().now().nanoseconds / convert.NANO  # noqa: E731
         self.imu, self.match = StreamHealth(now), StreamHealth(expected=False)
         self.start = StreamHealth(expected=False)
@@ -62,6 +81,15 @@ class CoasterEskfNode(Node):
         subscribe(self, pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
         subscribe(self, pose, 'srdtw/pose', self.on_match, MEASUREMENT_QOS)
         subscribe(self, Imu, 'imu/data_raw', self.on_imu, MEASUREMENT_QOS)
+
+    def _warm_up(self) -> None:
+        place, R = self._line.point(0.0), self._line.axes[0]
+        for sample in warm_up_samples():
+            for estimate in self.filter.push(sample):
+                convert.fill_odometry(Odometry(), estimate)
+        match = MatchObservation(sample.time_s - 0.1, place, quaternion_of(R), np.eye(3))
+        self.filter.push(match)
+        self.filter.reset()
 
     def _advertise(self) -> None:
         frame = self.config.frame_map
@@ -168,7 +196,9 @@ class CoasterEskfNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit code."""
-    return run_node(CoasterEskfNode, args, __doc__, inputs.NodeConfig(), PARAMETERS)
+    return run_node(
+        lambda: CoasterEskfNode(warm_up=True), args, __doc__, inputs.NodeConfig(), PARAMETERS
+    )
 
 
 if __name__ == '__main__':

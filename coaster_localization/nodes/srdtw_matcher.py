@@ -17,7 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
-from coaster_localization.inputs import mount_matrix
+from coaster_localization.inputs import mount_matrix, warm_up_samples
 from coaster_localization.nodes import inputs
 from coaster_localization.observation import MatchObservation
 from coaster_localization.online import OnlineMatcher
@@ -33,13 +33,26 @@ PARAMETERS = ('design_ride', 'track', 'frame_map', 'frame_imu', 'mount_rpy_deg',
 class SrdtwMatcherNode(Node):
     """Match the ride so far against the design ride; no estimation here, see OnlineMatcher."""
 
-    def __init__(self, make_matcher: Callable[..., Any] = OnlineMatcher, **options: Any) -> None:
-        """Make the node; ``make_matcher(design, matcher_config)`` returns its core."""
+    def __init__(
+        self,
+        make_matcher: Callable[..., Any] = OnlineMatcher,
+        warm_up: bool = False,
+        **options: Any,
+    ) -> None:
+        """
+        Make the node; ``make_matcher(design, matcher_config)`` returns its core.
+
+        ``warm_up`` has everything compiled before the first message can come.
+        """
         super().__init__('srdtw_matcher', **inputs.NODE_OPTIONS, **options)
         config = inputs.declare(self, PARAMETERS)
         self._R_bm = mount_matrix(config.mount_rpy_deg)
         self._frame_imu = config.frame_imu
         self.matcher = make_matcher(inputs.design_ride(config), config.matcher)
+        if warm_up:
+            for sample in warm_up_samples():
+                self.matcher.push(sample)
+            self.matcher.reset()
         self.imu = StreamHealth(lambda: self.get_clock().now().nanoseconds / convert.NANO)
         self._sent = 0
         self._lag_s = float('nan')
@@ -84,7 +97,9 @@ class SrdtwMatcherNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit code."""
-    return run_node(SrdtwMatcherNode, args, __doc__, inputs.NodeConfig(), PARAMETERS)
+    return run_node(
+        lambda: SrdtwMatcherNode(warm_up=True), args, __doc__, inputs.NodeConfig(), PARAMETERS
+    )
 
 
 if __name__ == '__main__':
