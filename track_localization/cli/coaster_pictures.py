@@ -157,6 +157,6 @@ def _sweeps(folder: Path, sweeps: Sweeps) -> list[Picture]:
         folder / 'fig15_channels.png', np.array(LAMBDA_X), sweeps.by_channel
     )
     return [
-        Picture(by_lambda, 'Fused error by lambda_y and n, the paper’s filter (paper, Fig. 14).'),
+        Picture(by_lambda, 'Fused error by lambda_y and n, the filter of the paper (Fig. 14).'),
         Picture(by_channel, 'Fused error by lambda_x for each channel, n = 1000 (paper, Fig. 15).'),
     ]
