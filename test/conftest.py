@@ -81,6 +81,11 @@ class Ros:
         self._nodes.append(node)
         return node
 
+    def keep(self, node: Any) -> None:
+        """Take over a node made elsewhere in this context, to be destroyed in the end."""
+        self._nodes.append(node)
+        self.executor.add_node(node)
+
     def run_replay(self, node: Any) -> None:
         """Run a replaying node on an executor of its own, the bench's nodes in the background."""
         from rclpy.executors import SingleThreadedExecutor

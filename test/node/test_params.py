@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from pathlib import Path
 
 import pytest
+import yaml
 from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from coaster_localization.nodes.inputs import NodeConfig
 from track_localization.errors import DataError
 from track_localization.ros.params import declare_config, read_file, warn_unknown
-from track_localization.settings import setting
+from track_localization.settings import override, setting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,3 +128,28 @@ def test_a_file_parameter_says_what_is_wrong(tmp_path):
     with pytest.raises(DataError, match=r'parameter track: a\.csv: column x missing'):
         read_file('a.csv', 'track', refuse, '')
     assert read_file('a.csv', 'track', str.upper, '') == 'A.CSV'
+
+
+CONFIG = Path(__file__).parents[2] / 'config'
+
+
+def from_file(ros, path):
+    arguments = ['--ros-args', '--params-file', str(path)]
+    node = ConfiguredNode(context=ros.context, cli_args=arguments)
+    ros.keep(node)
+    return node
+
+
+def test_a_parameter_file_is_taken_with_nested_names(ros, tmp_path):
+    path = tmp_path / 'p.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters:\n    gate: {nis: 3, kind: hard}\n    mount: [1, 2, 3]\n'
+    )
+    assert from_file(ros, path).config == Config(Gate(3.0, 'hard'), mount=(1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda p: p.name)
+def test_shipped_parameter_files_name_settings_only(path):
+    """Each name exists, and its value may stand there."""
+    content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    override(NodeConfig(), content['/**']['ros__parameters'])
