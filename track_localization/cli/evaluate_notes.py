@@ -25,8 +25,8 @@ def notes(
     for name, result in results.items():
         for note in result.notes:
             remarks.setdefault(note, []).append(name)
-        if result.match is not None and result.fed_by is None and result.match.flagged.any():
-            share = result.match.flagged.mean()
+        share = 0.0 if result.match is None else float(result.match.flagged.mean())
+        if result.fed_by is None and share >= 0.005:
             remarks.setdefault(f'{share:.0%} of the match is in doubt', []).append(name)
     said += [f'{", ".join(names)}: {note}' for note, names in remarks.items()]
     return said
