@@ -31,7 +31,7 @@ class MatcherConfig:
     pace_walk: float = setting(
         0.01,
         '1/sqrt(s)',
-        "random walk of the ride's pace by which the match is evened; 0: not at all, as the paper",
+        "srdtw: random walk of the ride's pace by which its staircase is evened; 0: not at all",
         0.0,
         10.0,
     )
@@ -39,7 +39,10 @@ class MatcherConfig:
         0.05, 'm/s/sqrt(s)', 'random walk of the speed against the design', 0.0, 10.0
     )
     match_correlation_s: float = setting(
-        1.0, 's', 'time over which matching errors persist', 0.0, 60.0
+        2.0, 's', 'srdtw, evened: time over which matching errors persist', 0.02, 60.0
+    )
+    match_correlation_m: float = setting(
+        50.0, 'm', 'srdtw, evened: distance over which they persist', 0.0, 1000.0
     )
     # dtw, dtw_derivative, dtw_penalised
     low_pass_hz: float = setting(2.5, 'Hz', 'zero-phase low-pass of the series', 0.1, 50.0)
@@ -55,7 +58,7 @@ class MatcherConfig:
         0.4, '', "least height of an extremum, in the design series' deviations", 0.01, 5.0
     )
     plateau: float = setting(
-        0.3,
+        0.15,
         '',
         'an extremum is cut in the middle of what is this share of prominence off',
         0.0,
@@ -66,7 +69,7 @@ class MatcherConfig:
         1.05, '', 'kg = value^d (d in samples at 50 Hz), or 1 + value d (d in 0..1)', 0.0, 1e3
     )
     segment_step_penalty: float = setting(
-        0.0, '', 'cost of a step that is not diagonal, inside groups; the paper has none', 0.0, 1e6
+        0.1, '', 'cost of a step that is not diagonal, inside groups; the paper has none', 0.0, 1e6
     )
     # how sure a match is
     doubt_m: float = setting(10.0, 'm', 'a match further off than this is a gross one', 0.1, 1e3)
@@ -100,6 +103,7 @@ PAPER_MATCHER: Mapping[str, Any] = {
     'pace_walk': 0.0,
     'segment_low_pass_hz': 1.25,
     'prominence': 0.4,
+    'plateau': 0.0,
     'penalty_form': 'power',
     'penalty_value': 1.05,
     'segment_step_penalty': 0.0,

@@ -134,7 +134,7 @@ def match_ride(
     elif method in ('dtw', 'dtw_derivative'):
         path = _plain(pair, method, config)
     match = _matched(method, channel, pair, path, cuts, design, config, notes)
-    return match if config.pace_walk == 0.0 else evened(match, design, config)
+    return evened(match, design, config) if method == 'srdtw' and config.pace_walk else match
 
 
 def _pair(
@@ -193,7 +193,7 @@ def _segments(
         first, stop = int(path[0, 1]), int(path[-1, 1]) + 1
         notes = (f'recording cut off: matched rows {first} to {stop} of the design only',)
     a, b = pair.a, pair.b[first:stop]
-    cuts_a, cuts_b = matched_cut_points(a[:, 0], b[:, 0], config.prominence)
+    cuts_a, cuts_b = matched_cut_points(a[:, 0], b[:, 0], config.prominence, config.plateau)
     found = srdtw.align_segments(
         dtw.with_derivative(a, config.rate_hz, config.derivative_weight),
         dtw.with_derivative(b, config.rate_hz, config.derivative_weight),
@@ -277,7 +277,7 @@ def evened(match: Match, design: DesignRide, config: MatcherConfig) -> Match:
         match.sigma_along / speed,
         walk,
         1.0 / config.rate_hz,
-        config.match_correlation_s,
+        np.maximum(config.match_correlation_s, config.match_correlation_m / speed),
     )
     tau = np.maximum.accumulate(match.time_s + delay)
     at = design.at(tau)

@@ -21,17 +21,17 @@ Array = NDArray[np.float64]
 
 
 def even_pace(
-    delay: Array, sigma: Array, walk: Array, dt: float, correlation_s: float
+    delay: Array, sigma: Array, walk: Array, dt: float, correlation_s: Array
 ) -> tuple[Array, Array]:
     """
     Return the smoothed delay (N,) [s] and its standard deviation (N,) [s].
 
-    ``sigma`` (N,) [s] is the match's own, its errors last ``correlation_s``; ``walk`` (N,)
+    ``sigma`` (N,) [s] is the match's own, its errors last ``correlation_s`` (N,); ``walk`` (N,)
     [1/sqrt(s)] is how fast the pace may wander. Fewer than three samples come back unchanged.
     """
     if len(delay) < 3:
         return delay, sigma
-    weight = min(1.0, dt / correlation_s) / sigma**2
+    weight = np.minimum(1.0, dt / correlation_s) / sigma**2
     stiffness = 1.0 / (walk[1:-1] ** 2 * dt**3)
     start = float(delay[0])
     smooth, variance = _solve(weight, stiffness, weight * (delay - start))
