@@ -114,18 +114,19 @@ class OnlineMatcher:
         held = self._rest.push(row)
         if held and (self._phase == WAITING or self._in_station()):
             self._level()
-        if self._tracker is None:
+        tracker = self._tracker
+        if tracker is None:
             waited = self._ticks > self._config.seek_after_s * self._config.online_rate_hz
             if not (self._rest.known or waited):
                 return None
-            self._begin('multi' if self._rest.known else 'no_vertical')
+            tracker = self._begin('multi' if self._rest.known else 'no_vertical')
         waiting = self._phase == WAITING and held
         if not waiting:
             self._phase = RIDING
         features = self._features(self._ticker.in_body(row)[None], np.array([waiting]))[0]
-        self._tracker.advance(features, held)
-        self._watch_misfit(self._tracker.fit)
-        return self._match(time_s, self._tracker)
+        tracker.advance(features, held)
+        self._watch_misfit(tracker.fit)
+        return self._match(time_s, tracker)
 
     def _level(self) -> None:
         """Take mount, attitude and gyro bias from the rest that goes on, and wait for the ride."""
@@ -136,8 +137,8 @@ class OnlineMatcher:
         if self._phase != WAITING:
             self._phase, self._tracker = WAITING, None
 
-    def _begin(self, which: str) -> None:
-        """Start to follow: from the station after a rest, else from anywhere."""
+    def _begin(self, which: str) -> Tracker:
+        """Start to follow: from the station while waiting there, else from anywhere."""
         if self._config.channel == 'z' or not self._has_gyro:
             which = 'z'
         config = self._config
@@ -145,12 +146,13 @@ class OnlineMatcher:
             self._plans[which] = PlannedRows(self._design, which, config)
         plan = self._plans[which]
         self._plan, self._features = plan, Features(which, config)
-        self._tracker = Tracker(
+        tracker = Tracker(
             plan.features, self._lag, config.online_noise, config.pace_change, config.jump
         )
         known = self._rest.known and self._phase == WAITING
-        self._tracker.start(0, plan.departure + 1 if known else len(plan.features))
-        self._misfit = 0.0
+        tracker.start(0, plan.departure + 1 if known else len(plan.features))
+        self._tracker, self._misfit = tracker, 0.0
+        return tracker
 
     def _lose(self) -> None:
         """Seek the whole line: time has passed of which nothing is known."""

@@ -60,8 +60,7 @@ class PlannedRows:
         step, rest = 1.0 / config.online_rate_hz, config.rest_s
         count = int(np.ceil((motion.end_s - motion.start_s + 2.0 * rest) / step))
         begin = motion.start_s - rest
-        fine_s: Array = begin + (np.arange(count * PIECES) + 0.5) * (step / PIECES)
-        at = design.at(fine_s)
+        at = design.at(np.asarray(begin + (np.arange(count * PIECES) + 0.5) * (step / PIECES)))
         rows = np.empty((len(at), 9))
         rows[:, FORCE], rows[:, RATE] = at.specific_force, at.angular_rate
         rows[:, VERTICAL] = so3.matrix_from_quat(at.quaternion)[:, 2, :]
