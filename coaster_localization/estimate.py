@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from track_localization.estimation import eskf, so3
+from track_localization.estimation.imu_monitor import ImuStep
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,21 @@ class FusedState(NamedTuple):
     last_match_s: float
     refused_since_s: float
     last_zupt_s: float
+
+
+class Prediction(NamedTuple):
+    """
+    One IMU step, made ready for the filter once, however often it is replayed.
+
+    Attributes:
+        step: what the IMU showed.
+        q: (4,) the step's process noise, see ``eskf.process_noise``.
+        quiet: whether the sensor shook no more than at rest.
+    """
+
+    step: ImuStep
+    q: Array
+    quiet: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +87,7 @@ class Estimate:
     @property
     def quaternion(self) -> Array:
         """Attitude (4,), x y z w, body to map."""
-        return so3.quat_from_matrix(self.nav.R_nb)
+        return so3.quat_one(self.nav.R_nb)
 
     @property
     def velocity_body(self) -> Array:

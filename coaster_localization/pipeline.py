@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.config import EskfConfig
-from coaster_localization.estimate import Estimate, FusedState
+from coaster_localization.estimate import Estimate, FusedState, Prediction
 from coaster_localization.match_update import MatchUpdate
 from coaster_localization.observation import MatchObservation, problem
 from coaster_localization.start import (
@@ -88,7 +88,7 @@ class CoasterEskf:
         self._waiting: deque[ImuSample] = deque()
         self._rest: Rest | None = None
         self._early: list[MatchObservation] = []
-        self.history: History[FusedState, ImuStep | MatchObservation] | None = None
+        self.history: History[FusedState, Prediction | MatchObservation] | None = None
         self.accepted = {'imu': 0, 'match': 0}
 
     @property
@@ -162,9 +162,7 @@ class CoasterEskf:
         if self.history is None:
             estimates = self._wait_for_rest(sample)
         else:
-            step = self._monitor.push(sample)
-            self.history.add(step.time_s, step)
-            estimates = [self._estimate(step)]
+            estimates = [self._predict(self.history, sample)]
         if self._early and self.history is not None:
             early, self._early = self._early, []
             for match in early:
@@ -238,26 +236,39 @@ class CoasterEskf:
     def _replay_waiting(self) -> list[Estimate]:
         estimates = []
         while self._waiting and self.history is not None:
-            step = self._monitor.push(self._waiting.popleft())
-            self.history.add(step.time_s, step)
-            estimates.append(self._estimate(step))
+            estimates.append(self._predict(self.history, self._waiting.popleft()))
         return estimates
+
+    def _predict(
+        self, history: History[FusedState, Prediction | MatchObservation], sample: ImuSample
+    ) -> Estimate:
+        """Add a sample to the history; return the estimate there."""
+        step = self._monitor.push(sample)
+        prediction = Prediction(step, self.noise(step, step.dt), self._quiet(step))
+        history.add(step.time_s, prediction)
+        return self._estimate(step, history.state)
 
     def _begin(self, state: FusedState) -> None:
         self.history = History(self.apply, state, state.nav.time_s, self.config.history_s)
 
-    def apply(self, state: FusedState, measurement: ImuStep | MatchObservation) -> FusedState:
+    def apply(self, state: FusedState, measurement: Prediction | MatchObservation) -> FusedState:
         """Return the state after one measurement: a pure function, so it can be replayed."""
         if isinstance(measurement, MatchObservation):
             return self._match_update(state, measurement)
-        dt = measurement.time_s - state.nav.time_s
+        step, nav = measurement.step, state.nav
+        dt = step.time_s - nav.time_s
         if dt > 0.0:
-            q = self.noise(measurement, dt)
-            nav = eskf.propagate(state.nav, measurement.f, measurement.w, dt, q)
-            nav = nav._replace(time_s=measurement.time_s)
-            chainage = self.line.project(nav.position, state.chainage)
-            state = state._replace(nav=nav, chainage=chainage)
-        return self._zupt(state, measurement)
+            # Right after a start the step to the first sample is shorter than the sample's own.
+            q = measurement.q if abs(dt - step.dt) < 1e-9 else self.noise(step, dt)
+            x, P, _ = eskf.predict(nav.x, nav.P, step.f, step.w, dt, q)
+            nav = eskf.State(step.time_s, x, P)
+            chainage = self.line.project(x[0:3], state.chainage)
+            state = FusedState(
+                nav, chainage, state.last_match_s, state.refused_since_s, state.last_zupt_s
+            )
+        if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
+            return self._zupt(state, step)
+        return state
 
     def noise(self, step: ImuStep, dt: float) -> Array:
         """Return a step's process noise (4,): IMU, vibration, and what a gap leaves unknown."""
@@ -274,10 +285,6 @@ class CoasterEskf:
 
         A quiet chain lift looks like one to the IMU, so the filter's own speed must agree.
         """
-        if self.config.preset == 'paper' or self._rest is None:
-            return state
-        if step.time_s - state.last_zupt_s < ZUPT_INTERVAL_S or not self._quiet(step):
-            return state
         nav = state.nav
         sigma_v = float(np.sqrt(np.trace(nav.P[3:6, 3:6])))
         if np.linalg.norm(nav.velocity) > 0.3 + 2.0 * sigma_v or sigma_v > 3.0:
@@ -293,16 +300,15 @@ class CoasterEskf:
 
     def _quiet(self, step: ImuStep) -> bool:
         """Whether the sensor shakes no more than it did in the station, under 1 g."""
-        assert self._rest is not None
+        if self._rest is None or self.config.preset == 'paper':
+            return False
         return (
             step.f_std < min(max(3.0 * self._rest.force_std, 0.05), 0.3)
             and step.w_std < min(max(3.0 * self._rest.rate_std, 0.005), 0.03)
             and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
         )
 
-    def _estimate(self, step: ImuStep) -> Estimate:
-        assert self.history is not None
-        state = self.history.state
+    def _estimate(self, step: ImuStep, state: FusedState) -> Estimate:
         tangent = self.line.axes[self.line.index(state.chainage), :, 0]
         rate_sigma = self.config.gyro_noise / math.sqrt(max(step.dt, 1e-4))
         rate = step.w - state.nav.gyro_bias

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.estimate import Estimate
+from coaster_localization.estimate import Estimate, Prediction
 from coaster_localization.observation import MatchObservation
 from coaster_localization.pipeline import CoasterEskf
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.imu import ImuSeries
-from track_localization.estimation.imu_monitor import ImuStep
 from track_localization.estimation.smoother import rts_smooth
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.line_table import LineTable
@@ -94,8 +93,8 @@ def smooth(filter_: CoasterEskf) -> Trajectory:
     times, x, P, steps = _epochs(filter_)
 
     def predict(k: int) -> tuple[Array, Array, Array]:
-        step, dt = steps[k + 1], times[k + 1] - times[k]
-        return eskf.predict(x[k], P[k], step.f, step.w, dt, filter_.noise(step, dt))
+        step, q, _ = steps[k + 1]
+        return eskf.predict(x[k], P[k], step.f, step.w, times[k + 1] - times[k], q)
 
     x_s, P_s = rts_smooth(x, P, predict, eskf.box_minus, eskf.box_plus)
     blocks = np.array([p[0:6, 0:6] for p in P_s]).reshape(-1, 6, 6)
@@ -106,16 +105,16 @@ def smooth(filter_: CoasterEskf) -> Trajectory:
 
 def _epochs(
     filter_: CoasterEskf,
-) -> tuple[list[float], list[Array], list[Array], list[ImuStep]]:
+) -> tuple[list[float], list[Array], list[Array], list[Prediction]]:
     """Return stamps, states after all updates and steps, one entry per IMU epoch."""
     times: list[float] = []
     x: list[Array] = []
     P: list[Array] = []
-    steps: list[ImuStep] = []
+    steps: list[Prediction] = []
     if filter_.history is None:
         return times, x, P, steps
     for time_s, measurement, state in filter_.history.entries():
-        if isinstance(measurement, ImuStep) and (not times or time_s > times[-1]):
+        if isinstance(measurement, Prediction) and (not times or time_s > times[-1]):
             times.append(time_s)
             x.append(state.nav.x)
             P.append(state.nav.P)

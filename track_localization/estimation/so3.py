@@ -109,3 +109,23 @@ def log_one(R: Array) -> Array:
 def normalised_one(R: Array) -> Array:
     """Return the rotation nearest to an almost orthonormal matrix (one Newton step)."""
     return 1.5 * R - 0.5 * R @ (R.T @ R)
+
+
+@numba.njit(cache=True)
+def quat_one(R: Array) -> Array:
+    """Return the quaternion (4,), x y z w, of one matrix, its largest part positive (Shepperd)."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    q = np.empty(4)
+    i = 0
+    for k in range(1, 3):
+        if R[k, k] > R[i, i]:
+            i = k
+    if trace >= R[i, i]:
+        q[0], q[1], q[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        q[3] = 1.0 + trace
+    else:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[i] = 1.0 - trace + 2.0 * R[i, i]
+        q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
+        q[3] = R[k, j] - R[j, k]
+    return q / np.sqrt(np.sum(q * q))

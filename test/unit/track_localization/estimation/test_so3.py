@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from track_localization.estimation import so3
 
@@ -62,3 +63,13 @@ def test_normalised_one_restores_a_rotation(rng):
     near = so3.normalised_one(R + rng.normal(size=(3, 3)) * 1e-4)
     np.testing.assert_allclose(near @ near.T, np.eye(3), atol=1e-7)
     np.testing.assert_allclose(near, R, atol=1e-3)
+
+
+def test_quat_one_is_scipys_quaternion(rng):
+    """All four branches: random rotations, and half turns about each axis."""
+    turns = list(Rotation.random(200, rng=rng)) + [
+        Rotation.from_rotvec(np.pi * 0.999 * axis) for axis in np.eye(3)
+    ]
+    for turn in turns:
+        q, expected = so3.quat_one(turn.as_matrix()), turn.as_quat()
+        np.testing.assert_allclose(q * np.sign(q @ expected), expected, atol=1e-12)
