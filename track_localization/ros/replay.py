@@ -161,19 +161,16 @@ class Replayer:
             due = wall_0 + (item.log_ns - start_ns) / cdr.NANO / self.config.rate
             while (left := due - time.monotonic()) > 2e-4:
                 self._tick(item.log_ns + shift_ns - round(left * self.config.rate * cdr.NANO))
-                self._rest(min(left, 0.01))
+                time.sleep(min(left, 0.01))
+                self._serve()
             self._tick(item.log_ns + shift_ns)
-        if time.monotonic() - self._last_spin > 0.05:
+        self._serve()
+
+    def _serve(self) -> None:
+        """Answer parameter services ten times a second: spinning costs more than sending."""
+        if time.monotonic() - self._last_spin > 0.1:
             self._last_spin = time.monotonic()
             self._spin(0.0)
-
-    def _rest(self, seconds: float) -> None:
-        """Sleep without the cost of spinning when the next message is near."""
-        if seconds < 5e-3:
-            time.sleep(seconds)
-        else:
-            self._last_spin = time.monotonic()
-            self._spin(seconds)
 
     def _tick(self, now_ns: int) -> None:
         """Publish /clock at steps of 10 ms, never backward."""
