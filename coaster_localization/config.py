@@ -127,13 +127,13 @@ class EskfConfig:
     n: float = setting(1000.0, '', 'lambda_x over lambda_y and lambda_z', 1e-3, 1e9)
     # Observation, preset 'default'
     match_correlation_s: float = setting(
-        2.0, 's', 'time over which matching errors persist: closer matches weigh less', 0.0, 60.0
+        0.5, 's', 'time over which matching errors persist: closer matches weigh less', 0.0, 60.0
     )
-    match_correlation_m: float = setting(
-        20.0, 'm', 'distance over which they persist: the slower, the longer', 0.0, 1000.0
+    match_slow_mps: float = setting(
+        15.0, 'm/s', 'below this speed they persist longer, by its square', 0.0, 100.0
     )
     line_sigma_m: float = setting(
-        0.03, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
+        0.02, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
     )
     line_correlation_m: float = setting(
         10.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
@@ -156,10 +156,10 @@ class EskfConfig:
     gyro_bias_sigma: float = setting(0.006, 'rad/s', 'gyro bias where no rest tells it', 1e-8, 1.0)
     accel_bias_walk: float = setting(0.003, 'm/s^2/sqrt(s)', 'bias walk', 0.0, 1.0)
     gyro_bias_walk: float = setting(1.5e-4, 'rad/s/sqrt(s)', 'bias walk', 0.0, 1.0)
-    accel_scale: float = setting(0.005, '', 'scale error of the accelerometer', 0.0, 0.5)
-    gyro_scale: float = setting(0.004, '', 'scale error of the gyro', 0.0, 0.5)
+    accel_scale: float = setting(0.004, '', 'scale error of the accelerometer', 0.0, 0.5)
+    gyro_scale: float = setting(0.0035, '', 'scale error of the gyro', 0.0, 0.5)
     vibration_gain: float = setting(
-        1.0, '', 'share of the force above 4 Hz that acts as white noise', 0.0, 10.0
+        0.35, '', 'share of the force above 4 Hz that acts as white noise', 0.0, 10.0
     )
     # Output
     path_rate_hz: float = setting(5.0, 'Hz', 'poses a second on the path topic', 0.1, 100.0)

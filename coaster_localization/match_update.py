@@ -91,7 +91,7 @@ class MatchUpdate:
             variance *= nis / self.config.gate_nis
         speed = max(float(np.linalg.norm(nav.velocity)), SLOWEST)
         config = self.config
-        persists_s = max(config.match_correlation_s, config.match_correlation_m / speed)
+        persists_s = config.match_correlation_s * max(1.0, config.match_slow_mps / speed) ** 2
         variance *= self._thinning(state, match, persists_s)
         across = self._thinning(state, match, config.line_correlation_m / speed)
         nav = self._iterate(nav, dt, s_match, variance, config.line_sigma_m**2 * across)
