@@ -25,15 +25,27 @@ NODES = {
 }
 
 
-def start(name: str, *ros_args: str, plain: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-    """Start a node's executable as its console script does."""
-    script = f'import sys; from {NODES[name]} import main; sys.argv[0] = {name!r}; sys.exit(main())'
-    command = [sys.executable, '-c', script, *plain]
-    if ros_args:
-        command += ['--ros-args', *(part for given in ros_args for part in ('-p', given))]
-    return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
-    )
+@pytest.fixture
+def start():
+    """Return a function that starts a node's executable; what still runs in the end is killed."""
+    processes = []
+
+    def run(name: str, *ros_args: str, plain: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        script = f'from {NODES[name]} import main; sys.argv[0] = {name!r}; sys.exit(main())'
+        command = [sys.executable, '-c', f'import sys; {script}', *plain]
+        if ros_args:
+            command += ['--ros-args', *(part for given in ros_args for part in ('-p', given))]
+        pipe = subprocess.PIPE
+        processes.append(
+            subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=dict(os.environ))
+        )
+        return processes[-1]
+
+    yield run
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
 
 
 def finish(process: subprocess.Popen[str], timeout: float = 60.0) -> tuple[int, str, str]:
@@ -66,7 +78,7 @@ def appears(ros, node_name: str) -> bool:
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('name', ['coaster_eskf', 'srdtw_matcher'])
-def test_a_signal_ends_an_estimator_cleanly(ros, circle_file, name, sign):
+def test_a_signal_ends_an_estimator_cleanly(ros, start, circle_file, name, sign):
     process = start(name, f'design_ride:={circle_file}')
     assert appears(ros, name)
     process.send_signal(sign)
@@ -79,7 +91,7 @@ def test_a_signal_ends_an_estimator_cleanly(ros, circle_file, name, sign):
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('name', ['imu_publisher', 'sensor_publisher'])
-def test_a_signal_ends_a_replay_cleanly_and_it_says_how_far_it_came(ros, bag, name, sign):
+def test_a_signal_ends_a_replay_cleanly_and_it_says_how_far_it_came(ros, start, bag, name, sign):
     listener = ros.node('listener')
     received = ros.listen(listener, Imu, 'imu/data_raw')
     process = start(name, f'source:={bag}', 'rate:=1.0')
@@ -92,7 +104,7 @@ def test_a_signal_ends_a_replay_cleanly_and_it_says_how_far_it_came(ros, bag, na
     assert 'real time' in out
 
 
-def test_a_whole_chain_of_processes(ros, bag, circle_file):
+def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
     """A bag at rate 0 through the ESKF: as many odometries as samples, and the sender ends."""
     listener = ros.node('listener')
     odometries = ros.listen(listener, Odometry, 'odometry')
@@ -101,7 +113,8 @@ def test_a_whole_chain_of_processes(ros, bag, circle_file):
     assert ros.spin_until(lambda: sender.poll() is not None, 60.0)
     code, out, _ = finish(sender)
     assert (code, out.count('3000 x imu/data_raw')) == (0, 1)
-    assert ros.spin_until(lambda: len(odometries) >= 3000, 20.0)
+    complete = ros.spin_until(lambda: len(odometries) >= 3000, 20.0)
+    assert complete, f'{len(odometries)} from {odometries[0].header.stamp}; {out}'
     filter_.send_signal(signal.SIGINT)
     assert finish(filter_)[0] == 0
     assert len(odometries) == 3000
@@ -118,14 +131,14 @@ def test_a_whole_chain_of_processes(ros, bag, circle_file):
         ('srdtw_matcher', 'matcher.method:=guess', "parameter matcher.method: 'guess' is not one"),
     ],
 )
-def test_a_bad_parameter_gives_one_line_and_exit_code_1(name, given, said):
+def test_a_bad_parameter_gives_one_line_and_exit_code_1(start, name, given, said):
     code, out, err = finish(start(name, given))
     assert (code, out) == (1, '')
     assert said in err
     assert len(err.strip().splitlines()) == 1
 
 
-def test_wrong_usage_gives_exit_code_2():
+def test_wrong_usage_gives_exit_code_2(start):
     code, _, err = finish(start('imu_publisher', 'source='))
     assert code == 2
     assert err.startswith('wrong usage: ')
@@ -136,7 +149,7 @@ def test_wrong_usage_gives_exit_code_2():
 
 
 @pytest.mark.parametrize('name', sorted(NODES))
-def test_help_lists_parameters_with_units(name):
+def test_help_lists_parameters_with_units(start, name):
     code, out, err = finish(start(name, plain=('--help',)))
     assert (code, err) == (0, '')
     assert out.startswith(f'{name}: ')

@@ -22,8 +22,11 @@ MEASUREMENT_QOS = _profile(2000, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy
 SENSOR_QOS = _profile(2000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
 """Publishing recorded sensor messages: nothing is lost to a subscriber that asks for that."""
 
-OUTPUT_QOS = _profile(10, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
-"""Publishing estimates."""
+OUTPUT_QOS = _profile(500, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+"""
+Publishing estimates. A node that catches up publishes a hundred in one go: of ten kept for sending
+again, a subscriber that was busy just then lost some.
+"""
 
 STATIC_QOS = _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 """Publishing what does not change: late subscribers still get it."""
