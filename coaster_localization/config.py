@@ -130,7 +130,7 @@ class EskfConfig:
         0.5, 's', 'time over which matching errors persist: closer matches weigh less', 0.0, 60.0
     )
     match_slow_mps: float = setting(
-        15.0, 'm/s', 'below this speed they persist longer, by its square', 0.0, 100.0
+        12.0, 'm/s', 'below this speed they persist longer, by its square', 0.0, 100.0
     )
     line_sigma_m: float = setting(
         0.02, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
