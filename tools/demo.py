@@ -96,7 +96,7 @@ def compare(ride: Path, recorded: Path) -> None:
 def main() -> None:
     """Run the demo."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--track', default='steel', help='see simulate coaster --list')
+    parser.add_argument('--track', default='looping', help='see simulate coaster --list')
     parser.add_argument('--seed', default='7')
     parser.add_argument('--rate', default='10.0', help='factor of real time; 0: as fast as it goes')
     parser.add_argument('--output', type=Path, default=Path('demo'))
