@@ -2,13 +2,12 @@
 Evening out a match by the train's pace.
 
 A warping path is a staircase, and where the series say nothing (a straight lift) it puts all of a
-ride's delay into one place. Real rides differ from the design by a pace that changes slowly. The
-smoothest delay that the match allows is the minimum of
+ride's delay into one place. Real rides differ from the design by a pace that changes slowly. So
+the match's delay (design time minus recording time) is smoothed with the model
 
-    sum w_i (x_i - z_i)^2 + sum k_i (x_(i-1) - 2 x_i + x_(i+1))^2
+    delay' = pace,  pace' = white noise,
 
-with z the match's delay (design time minus recording time), w its information and k that of the
-pace's random walk: a fixed-interval smoother, solved as one band matrix, with its variances.
+forward by a Kalman filter and back by Rauch, Tung and Striebel's recursion.
 """
 
 from __future__ import annotations
@@ -19,6 +18,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+FIRST_PACE = 0.3
+"""Standard deviation of the pace, against the design's, where the match begins."""
+
 
 def even_pace(
     delay: Array, sigma: Array, walk: Array, dt: float, correlation_s: Array
@@ -27,54 +29,42 @@ def even_pace(
     Return the smoothed delay (N,) [s] and its standard deviation (N,) [s].
 
     ``sigma`` (N,) [s] is the match's own, its errors last ``correlation_s`` (N,); ``walk`` (N,)
-    [1/sqrt(s)] is how fast the pace may wander. Fewer than three samples come back unchanged.
+    [1/sqrt(s)] is how fast the pace may wander.
     """
-    if len(delay) < 3:
-        return delay, sigma
-    weight = np.minimum(1.0, dt / correlation_s) / sigma**2
-    stiffness = 1.0 / (walk[1:-1] ** 2 * dt**3)
-    start = float(delay[0])
-    smooth, variance = _solve(weight, stiffness, weight * (delay - start))
-    return smooth + start, np.sqrt(variance)
+    noise = sigma**2 * np.maximum(1.0, correlation_s / dt)
+    smooth, variance = _smooth(delay, noise, walk**2 * dt, dt)
+    return smooth, np.sqrt(variance)
 
 
 @numba.njit(cache=True)
-def _solve(weight: Array, stiffness: Array, right: Array) -> tuple[Array, Array]:
-    """Solve the five-band normal equations by L D L'; return x and the inverse's diagonal."""
-    n = len(weight)
-    diagonal, first, second = weight.copy(), np.zeros(n), np.zeros(n)
-    for i in range(n - 2):
-        k = stiffness[i]
-        diagonal[i] += k
-        diagonal[i + 1] += 4.0 * k
-        diagonal[i + 2] += k
-        first[i] -= 2.0 * k
-        first[i + 1] -= 2.0 * k
-        second[i] += k
-    x = right.copy()
-    for i in range(n):
-        d = diagonal[i]
-        if i + 1 < n:
-            factor = first[i] / d
-            diagonal[i + 1] -= factor * first[i]
-            if i + 2 < n:
-                first[i + 1] -= factor * second[i]
-            x[i + 1] -= factor * x[i]
-            first[i] = factor
-        if i + 2 < n:
-            factor = second[i] / d
-            diagonal[i + 2] -= factor * second[i]
-            x[i + 2] -= factor * x[i]
-            second[i] = factor
-    near, variance = 0.0, np.zeros(n)
-    for i in range(n - 1, -1, -1):
-        x[i] /= diagonal[i]
-        variance[i] = 1.0 / diagonal[i]
-        if i + 1 < n:
-            l1, l2 = first[i], second[i]
-            v1 = variance[i + 1]
-            v2 = variance[i + 2] if i + 2 < n else 0.0
-            x[i] -= l1 * x[i + 1] + (l2 * x[i + 2] if i + 2 < n else 0.0)
-            variance[i] += l1 * l1 * v1 + 2.0 * l1 * l2 * near + l2 * l2 * v2
-            near = -l1 * v1 - l2 * near
-    return x, variance
+def _smooth(z: Array, R: Array, Q: Array, dt: float) -> tuple[Array, Array]:
+    """Return the smoothed first state (N,) and its variance; P = (a, b; b, c) at each row."""
+    n = len(z)
+    x, a, b, c = np.empty((n, 2)), np.empty(n), np.empty(n), np.empty(n)
+    x[0], a[0], b[0], c[0] = (z[0], 0.0), R[0], 0.0, FIRST_PACE**2
+    predicted = np.empty((n, 5))
+    for k in range(1, n):
+        x0, x1 = x[k - 1, 0] + dt * x[k - 1, 1], x[k - 1, 1]
+        p00 = a[k - 1] + dt * (2.0 * b[k - 1] + dt * c[k - 1])
+        p01, p11 = b[k - 1] + dt * c[k - 1], c[k - 1] + Q[k]
+        predicted[k] = x0, x1, p00, p01, p11
+        keep = R[k] / (p00 + R[k])
+        gain0, gain1 = p00 / (p00 + R[k]), p01 / (p00 + R[k])
+        x[k, 0], x[k, 1] = x0 + gain0 * (z[k] - x0), x1 + gain1 * (z[k] - x0)
+        a[k], b[k], c[k] = keep * p00, keep * p01, p11 - gain1 * p01
+    for k in range(n - 2, -1, -1):
+        x0, x1, p00, p01, p11 = predicted[k + 1]
+        det = p00 * p11 - p01 * p01
+        u0, u1 = a[k] + dt * b[k], b[k] + dt * c[k]
+        g00, g01 = (u0 * p11 - b[k] * p01) / det, (b[k] * p00 - u0 * p01) / det
+        g10, g11 = (u1 * p11 - c[k] * p01) / det, (c[k] * p00 - u1 * p01) / det
+        e0, e1 = x[k + 1, 0] - x0, x[k + 1, 1] - x1
+        d00, d01, d11 = a[k + 1] - p00, b[k + 1] - p01, c[k + 1] - p11
+        x[k, 0] += g00 * e0 + g01 * e1
+        x[k, 1] += g10 * e0 + g11 * e1
+        h00, h01 = g00 * d00 + g01 * d01, g00 * d01 + g01 * d11
+        h10, h11 = g10 * d00 + g11 * d01, g10 * d01 + g11 * d11
+        a[k] += h00 * g00 + h01 * g01
+        b[k] += h00 * g10 + h01 * g11
+        c[k] += h10 * g10 + h11 * g11
+    return x[:, 0].copy(), a

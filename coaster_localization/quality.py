@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 NOISE = 1.0
 """Variance of a row's distance, large enough to stand for errors that last a second."""
-OFF_PACE = 0.05
+OFF_PACE = 0.15
 """Probability that the train stays where the design moves one row on; of two rows, likewise."""
 
 
@@ -99,14 +99,14 @@ def _spread(
             forward[0, j] = like[0, j] * np.exp(-float(j))
     _normalise(forward[0])
     for i in range(1, m):
-        stay = 0.9 if held[i] else off_pace
-        go = 1.0 - stay - off_pace
+        stay, skip = (0.9, 0.0) if held[i] else (off_pace, off_pace)
+        go = 1.0 - stay - skip
         for j in range(n):
             p = forward[i - 1, j] * stay
             if j > 0:
                 p += forward[i - 1, j - 1] * go
             if j > 1:
-                p += forward[i - 1, j - 2] * off_pace
+                p += forward[i - 1, j - 2] * skip
             forward[i, j] = p * like[i, j] + 1e-200
         _normalise(forward[i])
     spread, doubt = np.empty(m), np.empty(m)
@@ -123,14 +123,14 @@ def _spread(
             second += p * e * e
             far += p if abs(e) > far_m else 0.0
         spread[i], doubt[i] = np.sqrt(second / total), far / total
-        stay = 0.9 if held[i] else off_pace
-        go = 1.0 - stay - off_pace
+        stay, skip = (0.9, 0.0) if held[i] else (off_pace, off_pace)
+        go = 1.0 - stay - skip
         for j in range(n):
             p = after[j] * like[i, j] * stay
             if j + 1 < n:
                 p += after[j + 1] * like[i, j + 1] * go
             if j + 2 < n:
-                p += after[j + 2] * like[i, j + 2] * off_pace
+                p += after[j + 2] * like[i, j + 2] * skip
             later[j] = p + 1e-200
         _normalise(later)
         after, later = later, after
