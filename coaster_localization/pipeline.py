@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 GAP_S = 0.1
 """A step longer than this was not measured: what the train did in it is unknown."""
-AHEAD_S, EARLY_MATCHES = 5.0, 200
+AHEAD_S, EARLY_MATCHES = 30.0, 500
 """How far ahead of the IMU a match may come [s], and how many wait for their sample."""
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""

@@ -98,7 +98,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--track', default='looping', help='see simulate coaster --list')
     parser.add_argument('--seed', default='7')
-    parser.add_argument('--rate', default='10.0', help='factor of real time; 0: as fast as it goes')
+    parser.add_argument(
+        '--rate', default='0.0', help='factor of real time; 0: as fast as the nodes keep up'
+    )
     parser.add_argument('--output', type=Path, default=Path('demo'))
     options = parser.parse_args()
     ride, recorded = options.output / 'ride', options.output / 'live'
