@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 WAITING, RIDING = 'waiting', 'riding'
 CROSS_SIGMA_M = 0.05
+LARGEST_VALUE = 1e4
+"""No force [m/s^2] or rate [rad/s] that a sensor means is larger."""
 STATION_M = 3.0
 """How near the ride's begin or end a standing train is taken to be in the station."""
 NO_RATE = np.zeros(3)
@@ -74,10 +76,16 @@ class OnlineMatcher:
     def push(self, sample: ImuSample) -> list[MatchObservation]:
         """Take a sample; return the matches that are due, stamped with the sample matched."""
         has_gyro = bool(np.isfinite(sample.angular_rate).all())
+        if has_gyro and self._has_gyro is False:
+            self.reset()
         if self._has_gyro is None:
             self._has_gyro = has_gyro
         if not np.isfinite(sample.specific_force).all() or (self._has_gyro and not has_gyro):
             self.rejected['not_finite'] += 1
+            return []
+        largest = max(np.abs(sample.specific_force).max(), np.abs(sample.angular_rate).max())
+        if largest > LARGEST_VALUE:
+            self.rejected['out_of_range'] += 1
             return []
         verdict = self._stamps(sample.time_s)
         if verdict == RESTART:
