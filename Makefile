@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint types bench clean venv
+.PHONY: pictures demo test lint types bench clean venv
 
 venv: $(STAMP)
 
@@ -29,6 +29,11 @@ test: lint types
 
 demo: $(STAMP)
 	$(BIN)/python tools/demo.py
+
+# The README's picture is the demo's.
+pictures: demo
+	mkdir -p docs
+	cp demo/report/error_along_track.png docs/
 
 bench: $(STAMP)
 	@for f in benchmarks/bench_*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
