@@ -31,6 +31,8 @@ MODES = np.array([(1, 1), (1, 2), (2, 1), (1, 3), (3, 1), (2, 4), (4, 2)])
 """The seven recombinations: segments of ``a``, segments of ``b`` (eqs 5-11)."""
 
 COARSE_HZ = 10.0
+NEAR = 0.08
+"""Share of the ride that two cut points may be apart where a first bound is sought."""
 SLACK = 1e-4
 """Relative rounding error allowed for in the bound, single precision against itself."""
 
@@ -94,7 +96,7 @@ def align_segments(
     """
     a, b = checked_series(a, b)
     kind, growth = penalty.kernel(rate_hz)
-    usable = _usable(len(cuts_a) - 1, len(cuts_b) - 1, MODES)
+    usable = _usable(np.ones((len(cuts_a), len(cuts_b)), dtype=bool), MODES)
     if not usable[0, 0]:
         return None
     forward, backward, scale = compact(a, b)
@@ -121,12 +123,20 @@ def _bound(
     growth: float,
     step: int,
 ) -> float:
-    """Return what the groups chosen at a ``step`` times lower rate cost at the full one."""
+    """
+    Return what the groups chosen at a ``step`` times lower rate cost at the full one.
+
+    They need not be the best, so only corners near the diagonal are tried if that gets through.
+    """
     thin_a = np.ascontiguousarray(forward[:, ::step])
     thin_b = np.ascontiguousarray(backward[:, ::-1][:, ::step][:, ::-1])
     thin_cuts_a, thin_cuts_b = -(-cuts_a // step), -(-cuts_b // step)
     if np.diff(thin_cuts_a).min() < 1 or np.diff(thin_cuts_b).min() < 1:
         return np.inf
+    places = np.subtract.outer(cuts_a / cuts_a[-1], cuts_b / cuts_b[-1])
+    near = _usable(np.abs(places) < NEAR, MODES)
+    if near[0, 0]:
+        usable = near
     faster = growth * step if kind == kernels.POWER else growth
     _, mode = _recombine(
         thin_a, thin_b, thin_cuts_a, thin_cuts_b, MODES, usable, skip, kind, faster, np.inf
@@ -136,15 +146,16 @@ def _bound(
 
 
 @numba.njit(cache=True)
-def _usable(P: int, Q: int, modes: IntArray) -> NDArray[np.bool_]:
-    """Return (P+1, Q+1): whether the last corner can be reached from each."""
+def _usable(allowed: NDArray[np.bool_], modes: IntArray) -> NDArray[np.bool_]:
+    """Return (P+1, Q+1): whether the last corner can be reached from each, by allowed ones."""
+    P, Q = allowed.shape[0] - 1, allowed.shape[1] - 1
     usable = np.zeros((P + 1, Q + 1), np.bool_)
     usable[P, Q] = True
     for i in range(P - 1, -1, -1):
         for j in range(Q - 1, -1, -1):
             for p, q in modes:
                 if i + p <= P and j + q <= Q and usable[i + p, j + q]:
-                    usable[i, j] = True
+                    usable[i, j] = allowed[i, j]
     return usable
 
 
