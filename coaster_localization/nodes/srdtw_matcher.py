@@ -54,7 +54,7 @@ class SrdtwMatcherNode(Node):
                 self.matcher.push(sample)
             self.matcher.reset()
         self.imu = StreamHealth(lambda: self.get_clock().now().nanoseconds / convert.NANO)
-        self._sent = 0
+        self.sent = 0
         self._lag_s = float('nan')
         self._msg = PoseWithCovarianceStamped()
         self._msg.header.frame_id = config.frame_map
@@ -81,7 +81,7 @@ class SrdtwMatcherNode(Node):
         convert.fill_pose(self._msg.pose.pose, match.position, match.quaternion)
         convert.fill_position_covariance(self._msg, match.covariance)
         self._pose_pub.publish(self._msg)
-        self._sent += 1
+        self.sent += 1
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.matcher.reset()
@@ -92,7 +92,7 @@ class SrdtwMatcherNode(Node):
         return {'imu': self.matcher.rejected}
 
     def _figures(self) -> dict[str, float | str]:
-        return {'matches': self._sent, 'match_lag_s': self._lag_s} | self.matcher.diagnostics()
+        return {'matches': self.sent, 'match_lag_s': self._lag_s} | self.matcher.diagnostics()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -55,7 +55,7 @@ def live(ros_module, ride):
     odometries = ros.listen(listener, Odometry, 'odometry')
     ros.run_replay(ros.make_apart(ImuPublisherNode, source=bag, rate=0.0, subscribers=2))
     sent = len(read_imu(bag)[0])
-    ros.settle(lambda: matcher.imu.received == sent and filter_.match.received == matcher._sent)
+    ros.settle(lambda: matcher.imu.received == sent and filter_.match.received == matcher.sent)
     assert matcher.imu.received == sent
     assert filter_.imu.received == sent
     return matches, odometries, filter_
