@@ -129,10 +129,10 @@ def match_ride(
     if method == 'srdtw':
         path, cuts, more = _segments(pair, config)
         notes += more
-    if method == 'dtw_penalised' or path is None:
-        path = _penalised(pair, config, config.rate_hz)
     elif method in ('dtw', 'dtw_derivative'):
         path = _plain(pair, method, config)
+    if path is None:
+        path = _penalised(pair, config, config.rate_hz)
     match = _matched(method, channel, pair, path, cuts, design, config, notes)
     return evened(match, design, config) if method == 'srdtw' and config.pace_walk else match
 
