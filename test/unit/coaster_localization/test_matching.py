@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coaster_localization import matching
-from coaster_localization.config import PAPER_MATCHER, MatcherConfig
+from coaster_localization.config import MATCHERS, PAPER_MATCHER, MatcherConfig
 from coaster_localization.matching import match_ride
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
@@ -54,11 +54,16 @@ def test_an_ideal_ride_is_matched_exactly():
 
 
 def test_no_systematic_lateness():
-    """Ten milliseconds at 25 m/s are 0.25 m: the mean error along the track where it is fast."""
+    """
+    Ten milliseconds at 25 m/s are 0.25 m: the mean lateness where it is fast is less than five.
+
+    At 100 Hz: where the two grids fall against each other shifts a match by up to half a step.
+    """
     late = []
+    fine = dataclasses.replace(DEFAULT, rate_hz=100.0)
     for seed in (31, 32, 33):
         ride = simulate_coaster('looping', scenario('nominal'), seed)
-        match = match_ride(ride.imu, ride.design, 'dtw_penalised', 'multi', DEFAULT)
+        match = match_ride(ride.imu, ride.design, 'dtw_penalised', 'multi', fine)
         speed = np.interp(match.time_s, ride.truth.time_s, ride.truth.speed)
         velocity = np.stack(
             [np.interp(match.time_s, ride.truth.time_s, v) for v in ride.truth.velocity.T], axis=-1
@@ -66,7 +71,7 @@ def test_no_systematic_lateness():
         error = match.position - ride.truth.position_at(match.time_s)
         fast = speed > 12.0
         late.append(((error * velocity).sum(axis=1)[fast] / speed[fast] ** 2).mean())
-    assert abs(np.mean(late)) < 0.006
+    assert abs(np.mean(late)) < 0.005
 
 
 @pytest.mark.parametrize(
@@ -193,6 +198,13 @@ def test_rate_of_the_grid_hardly_matters(ride, best):
         ride.imu, ride.design, 'dtw_penalised', 'multi', dataclasses.replace(DEFAULT, rate_hz=100.0)
     )
     assert marker_error(ride, half) < marker_error(ride, best) + 0.15
+
+
+def test_each_method_runs_its_own_algorithm(ride):
+    paths = [match_ride(ride.imu, ride.design, m, 'z', DEFAULT).path for m in MATCHERS]
+    for k, one in enumerate(paths):
+        for other in paths[k + 1 :]:
+            assert one.shape != other.shape or (one != other).any()
 
 
 def test_unknown_names_are_refused(ride):
