@@ -67,8 +67,7 @@ class CoasterEskfNode(Node):
         self.filter = make_filter(design, self.config.eskf, self._line)
         if warm_up:
             self._warm_up()
-        now = lambda: self.get_clock().now().nanoseconds / convert.NANO  # noqa: E731
-        self.imu, self.match = StreamHealth(now), StreamHealth(expected=False)
+        self.imu, self.match = StreamHealth(self._now_s), StreamHealth(expected=False)
         self.start = StreamHealth(expected=False)
         self._newest_s = float('nan')
         self._advertise()
@@ -90,6 +89,9 @@ class CoasterEskfNode(Node):
         match = MatchObservation(sample.time_s - 0.1, place, quaternion_of(R), np.eye(3))
         self.filter.push(match)
         self.filter.reset()
+
+    def _now_s(self) -> float:
+        return self.get_clock().now().nanoseconds / convert.NANO
 
     def _advertise(self) -> None:
         frame = self.config.frame_map
