@@ -15,7 +15,6 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from coaster_localization.nodes.eskf import CoasterEskfNode
@@ -235,43 +234,6 @@ def test_a_flood_of_matches_is_borne(eskf):
     for msg in stream.good(10):
         eskf.on_imu(msg)
     assert len(eskf.published) == 10
-
-
-def test_over_dds_both_nodes_survive(ros_module, eskf, matcher):
-    """The same over the wire, both nodes at once: each counts every message that was sent."""
-    ros, count = ros_module, 400
-    talker = ros.node('talker')
-    imu_pub = talker.create_publisher(Imu, 'imu/data_raw', 1000)
-    pose_pub = talker.create_publisher(PoseWithCovarianceStamped, 'srdtw/pose', 1000)
-    odometries = ros.listen(talker, Odometry, 'odometry')
-    ros.wait_matched(imu_pub, 2)
-    ros.wait_matched(pose_pub, 1)
-    ros.spin_for(0.3)
-    eskf.filter.reset()
-    matcher.matcher.reset()
-    before = (eskf.imu.received, matcher.imu.received, eskf.match.received - matcher.sent)
-    rng, stream = np.random.default_rng(1), Stream()
-    for i, msg in enumerate(stream.good(count)):
-        if i < 150:  # a rest, so that the filter runs when the storm comes
-            imu_pub.publish(msg)
-            continue
-        if i % 7 == 3:
-            msg.linear_acceleration.y = float(rng.choice(NASTY))
-        if i % 11 == 5:
-            msg.header.frame_id = str(rng.choice(['', 'odom']))
-        if i % 13 == 6:
-            put_stamp(msg, float(rng.choice([0.0, 2.0e9, stream.time_s])))
-        imu_pub.publish(msg)
-        pose = PoseWithCovarianceStamped()
-        pose.header.frame_id = 'map' if i % 3 else ''
-        pose.pose.pose.position.x = float(rng.choice(NASTY))
-        pose.pose.covariance[:] = rng.choice(NASTY, 36)
-        pose_pub.publish(pose)
-    matches = count - 150  # and those of the matcher itself
-    assert ros.spin_until(lambda: eskf.match.received == before[2] + matches + matcher.sent)
-    assert ros.spin_until(lambda: eskf.imu.received == before[0] + count)
-    assert ros.spin_until(lambda: matcher.imu.received == before[1] + count)
-    assert ros.spin_until(lambda: len(odometries) > 250)
 
 
 def test_a_match_object_is_what_the_filter_gets(eskf, monkeypatch):
