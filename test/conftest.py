@@ -92,8 +92,9 @@ class Ros:
 
         own = SingleThreadedExecutor(context=self.context)
         own.add_node(node)
-        self._thread = threading.Thread(target=self._spin_quietly)
-        self._thread.start()
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._spin_quietly)
+            self._thread.start()
         try:
             node.replayer.run(own)
         finally:

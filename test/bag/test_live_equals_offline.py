@@ -33,21 +33,27 @@ FIRST_S = 75.0
 
 @pytest.fixture(scope='module')
 def ride(tmp_path_factory):
-    """Return (bag, design ride file) of the first part of a simulated ride."""
+    """
+    Return (bag, bag with one sample more, design ride file) of the first part of a ride.
+
+    The one sample more comes when all matches are in: its odometry has them all.
+    """
     folder = tmp_path_factory.mktemp('ride')
     config = override(CoasterSimConfig(), {'ride.dwell_before_s': [8.0, 8.0]})
     simulated = simulate_coaster('launch', config, seed=3)
     write_design_ride(folder / 'design_ride.csv', simulated.design)
     imu = simulated.imu
-    with BagWriter(folder / 'bag') as bag:
-        bag.write_imu('imu/data_raw', imu[imu.time_s < imu.time_s[0] + FIRST_S])
-    return str(folder / 'bag'), str(folder / 'design_ride.csv')
+    count = int(np.searchsorted(imu.time_s, imu.time_s[0] + FIRST_S))
+    for name, end in (('bag', count), ('longer', count + 1)):
+        with BagWriter(folder / name) as bag:
+            bag.write_imu('imu/data_raw', imu[:end])
+    return str(folder / 'bag'), str(folder / 'longer'), str(folder / 'design_ride.csv')
 
 
 @pytest.fixture(scope='module')
 def live(ros_module, ride):
     """Run the nodes; return (matches, odometries, the filter as it ended)."""
-    ros, (bag, design) = ros_module, ride
+    ros, (bag, longer, design) = ros_module, ride
     matcher = ros.make(SrdtwMatcherNode, design_ride=design)
     filter_ = ros.make(CoasterEskfNode, design_ride=design)
     listener = ros.node('listener')
@@ -58,14 +64,20 @@ def live(ros_module, ride):
     ros.settle(lambda: matcher.imu.received == sent and filter_.match.received == matcher.sent)
     assert matcher.imu.received == sent
     assert filter_.imu.received == sent
-    return matches, odometries, filter_
+    before = matcher.sent
+    last = ros.make_apart(ImuPublisherNode, source=longer, subscribers=2, start_offset=FIRST_S)
+    ros.run_replay(last)
+    ros.settle(lambda: len(odometries) == matcher.imu.received == sent + 1)
+    assert dict(last.replayer.sent) == {'imu/data_raw': 1}
+    assert matcher.sent == before, 'no match may be due with the last sample: it would race'
+    return matches, odometries, filter_.filter
 
 
 @pytest.fixture(scope='module')
 def offline(ride):
     """Return (matches, the filter as it ended) of the loop that ``eskf_live`` is."""
-    bag, design_file = ride
-    imu, rejected = read_imu(bag)
+    _, longer, design_file = ride
+    imu, rejected = read_imu(longer)
     assert rejected == {}
     design, config = read_design_ride(design_file), CoasterConfig()
     matcher, filter_ = OnlineMatcher(design, config.matcher), CoasterEskf(design, config.eskf)
@@ -98,26 +110,26 @@ def test_the_final_states_are_the_same(live, offline):
     found from its position again; together 2e-9 in the state. 1e-6 leaves room for another build
     of the libraries; one match lost, doubled or fused at another stamp makes 1e-4 and more.
     """
-    state, expected = live[2].filter.history.state, offline[1].history.state
+    state, expected = live[2].history.state, offline[1].history.state
     assert state.nav.time_s == expected.nav.time_s
     np.testing.assert_allclose(state.nav.x, expected.nav.x, rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(state.nav.P, expected.nav.P, rtol=1e-6, atol=1e-9)
-    assert live[2].filter.rejected == offline[1].rejected
+    assert live[2].rejected == offline[1].rejected
 
 
 def test_the_last_odometry_is_the_last_row_of_eskf_live(live, ride):
     """
-    What a subscriber got against what ``evaluate`` writes, at the newest stamp.
+    What a subscriber got last against what ``evaluate`` writes last.
 
-    Live, the last matches may still be on their way when the last sample comes (0.5 s at most:
-    the replay's window), so the tolerance is what they may move: a fifth of the standard deviation.
+    The last sample was sent when every match was in, so nothing is on its way: 1e-6 as above.
     """
-    bag, design = ride
-    imu = read_imu(bag)[0]
+    _, longer, design = ride
+    imu = read_imu(longer)[0]
     result = next(run_methods(imu, read_design_ride(design), CoasterConfig(), ['eskf_live']))
     last, odometry = result.trajectory[-1:], live[1][-1]
     assert len(live[1]) == len(result.trajectory)
     assert seconds(odometry.header.stamp) == last.time_s[0]
     p = odometry.pose.pose.position
-    off = np.linalg.norm(np.array([p.x, p.y, p.z]) - last.position[0])
-    assert off < 0.2 * np.sqrt(np.trace(last.covariance[0]))
+    np.testing.assert_allclose([p.x, p.y, p.z], last.position[0], rtol=0.0, atol=1e-6)
+    covariance = odometry.pose.covariance.reshape(6, 6)[:3, :3]
+    np.testing.assert_allclose(covariance, last.covariance[0], rtol=1e-6, atol=1e-9)
