@@ -32,7 +32,7 @@ from track_localization.ros.spin import run_node
 from track_localization.settings import setting
 
 CLOCK_STEP_NS = 10_000_000
-SETTLE_S = 0.3
+SETTLE_S = 0.5
 """A best-effort subscriber that the publisher knows may not know the publisher yet: 12 ms seen."""
 
 
