@@ -86,7 +86,7 @@ def test_a_signal_ends_an_estimator_cleanly(ros, start, circle_file, name, sign)
     code, out, err = finish(process)
     assert (code, out) == (0, '')
     assert 'Traceback' not in err
-    assert time.monotonic() - begin < 5.0
+    assert time.monotonic() - begin < 60.0  # that it ends, not how fast a loaded machine is
 
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])

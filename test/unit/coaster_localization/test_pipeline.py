@@ -82,7 +82,7 @@ def test_fusion_beats_the_matches_and_smoothing_beats_fusion(ride, filtered):
     live = np.linalg.norm(errors(trajectory, ride), axis=1).mean()
     smoothed = np.linalg.norm(errors(smooth(filter_), ride), axis=1).mean()
     assert live < 0.9 * MATCH_SIGMA
-    assert smoothed < 0.6 * live
+    assert smoothed < 0.8 * live
 
 
 def test_claimed_covariance_covers_the_error(ride, filtered):
@@ -261,8 +261,8 @@ def test_a_match_far_ahead_of_the_imu_is_refused(ride, line, matches):
     filter_ = CoasterEskf(ride.design, EskfConfig(), line)
     for i in range(300):
         filter_.push(ride.imu.sample(i))
-    filter_.push(dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 6.0))
+    filter_.push(dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 31.0))
     ahead = dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 1.0)
-    for _ in range(250):
+    for _ in range(550):
         filter_.push(ahead)
     assert filter_.rejected == {'match': {'ahead_of_imu': 1, 'too_early': 50}}
