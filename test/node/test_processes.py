@@ -109,6 +109,8 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
     listener = ros.node('listener')
     odometries = ros.listen(listener, Odometry, 'odometry')
     filter_ = start('coaster_eskf', f'design_ride:={circle_file}')
+    assert ros.spin_until(lambda: listener.count_publishers('odometry') == 1, 60.0)
+    ros.spin_for(0.5)
     sender = start('imu_publisher', f'source:={bag}', 'rate:=0')
     assert ros.spin_until(lambda: sender.poll() is not None, 60.0)
     code, out, _ = finish(sender)
