@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 from rclpy.utilities import remove_ros_args
 
 from track_localization.errors import DataError
@@ -46,7 +48,7 @@ def run_node(
         print(usage(help_text or '', settings, only), file=stream)
         return 0 if asked else 2
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return _wrong_usage(error)
     return _run(make_node, work or _spin, Path(args[0]).name if args else '')
@@ -63,11 +65,28 @@ def _spin(node: Node, executor: SingleThreadedExecutor) -> None:
 
 
 def _run(make_node: Callable[[], Node], work: Work, program: str) -> int:
+    """
+    Make, run and end a node; return the exit code.
+
+    rclpy's signal handlers shut DDS down at once, wherever the program is. So while the node is
+    being made a signal is only noted, and no half-made node is left; a second one interrupts.
+    """
     node, executor = None, SingleThreadedExecutor()
+    noted: list[int] = []
+
+    def note(number: int, frame: object) -> None:
+        if noted:
+            raise KeyboardInterrupt
+        noted.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
     try:
         node = make_node()
+        install_signal_handlers(SignalHandlerOptions.ALL)
         executor.add_node(node)
-        work(node, executor)
+        if not noted:
+            work(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except DataError as error:
