@@ -98,19 +98,9 @@ class Estimate:
     @property
     def pose_covariance(self) -> Array:
         """Covariance (6, 6) of x, y, z [m] and of rotation about the axes of ``map`` [rad]."""
-        T = np.zeros((6, eskf.ERROR_STATES))
-        T[0:3, eskf.POSITION] = np.eye(3)
-        T[3:6, eskf.ATTITUDE] = self.nav.R_nb
-        P: Array = T @ self.nav.P @ T.T
-        return P
+        return eskf.pose_covariance(self.nav)
 
     @property
     def twist_covariance(self) -> Array:
         """Covariance (6, 6) of the body-frame velocity [m/s] and angular rate [rad/s]."""
-        J = np.zeros((6, eskf.ERROR_STATES))
-        J[0:3, eskf.VELOCITY] = self.nav.R_nb.T
-        J[0:3, eskf.ATTITUDE] = so3.hat(self.velocity_body)
-        J[3:6, eskf.GYRO_BIAS] = -np.eye(3)
-        P: Array = J @ self.nav.P @ J.T
-        P[3:6, 3:6] += np.eye(3) * self.rate_sigma**2
-        return P
+        return eskf.twist_covariance(self.nav, self.rate_sigma)

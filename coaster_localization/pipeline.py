@@ -166,21 +166,23 @@ class CoasterEskf:
         if self._early and self.history is not None:
             early, self._early = self._early, []
             for match in early:
-                self._push_match(match)
+                self._count(self._place(match))
         return estimates
 
     def _push_match(self, match: MatchObservation) -> None:
-        reason = problem(match)
-        newest = self._clock.latest_s
-        if reason is None and newest is not None and match.time_s > newest:
-            # The matcher was quicker with the samples: wait for them.
-            reason = 'ahead_of_imu' if match.time_s > newest + AHEAD_S else self._hold(match)
-        elif reason is None and self.history is None:
-            reason = self._start_from_match(match)
-        elif reason is None:
-            reason = self._fuse(match)
+        self._count(problem(match) or self._place(match))
+
+    def _count(self, reason: str | None) -> None:
         if reason is not None:
             self._rejections.add('match', reason)
+
+    def _place(self, match: MatchObservation) -> str | None:
+        """Fuse a match, keep it for later or begin with it; return why not."""
+        newest = self._clock.latest_s
+        if newest is not None and match.time_s > newest:
+            # The matcher was quicker with the samples: wait for them.
+            return 'ahead_of_imu' if match.time_s > newest + AHEAD_S else self._hold(match)
+        return self._start_from_match(match) if self.history is None else self._fuse(match)
 
     def _fuse(self, match: MatchObservation) -> str | None:
         """Put a match in its place in the history; return why not, if it is too old for it."""
@@ -260,9 +262,8 @@ class CoasterEskf:
         if dt > 0.0:
             # Right after a start the step to the first sample is shorter than the sample's own.
             q = measurement.q if abs(dt - step.dt) < 1e-9 else self.noise(step, dt)
-            x, P, _ = eskf.predict(nav.x, nav.P, step.f, step.w, dt, q)
-            nav = eskf.State(step.time_s, x, P)
-            chainage = self.line.project(x[0:3], state.chainage)
+            nav = eskf.propagate(nav, step.f, step.w, dt, q, step.time_s)
+            chainage = self.line.project(nav.position, state.chainage)
             state = FusedState(
                 nav, chainage, state.last_match_s, state.refused_since_s, state.last_zupt_s
             )

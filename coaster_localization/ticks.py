@@ -10,7 +10,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfilt_zi
 
 from track_localization.estimation.so3 import exp_one, normalised_one
 
@@ -135,6 +135,19 @@ class LowPass:
         if self._sos is None:
             return rows
         if self._state is None:
-            self._state = sosfilt_zi(self._sos)[:, :, None] * rows[0]
-        filtered, self._state = sosfilt(self._sos, rows, axis=0, zi=self._state)
-        return np.asarray(filtered)
+            self._state = sosfilt_zi(self._sos)[0, :, None] * rows[0]
+        out: Array = _filter(self._sos[0], rows, self._state)
+        return out
+
+
+@numba.njit(cache=True)
+def _filter(sos: Array, rows: Array, state: Array) -> Array:
+    """Filter rows (N, C) by one section; ``state`` (2, C) goes on. scipy costs 0.1 ms a call."""
+    out = np.empty_like(rows)
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            value = sos[0] * rows[i, j] + state[0, j]
+            state[0, j] = sos[1] * rows[i, j] - sos[4] * value + state[1, j]
+            state[1, j] = sos[2] * rows[i, j] - sos[5] * value
+            out[i, j] = value
+    return out

@@ -144,21 +144,40 @@ def process_noise(noise: ImuNoise, f: Array, w: Array, dt: float, extra_accel: f
     )
 
 
-def propagate(state: State, f: Array, w: Array, dt: float, q: Array) -> State:
+def propagate(
+    state: State, f: Array, w: Array, dt: float, q: Array, time_s: float | None = None
+) -> State:
     """
     Predict over ``dt`` with mean measured force and rate (eqs 17-19).
 
-    ``q`` (4,) as ``process_noise`` gives it.
+    ``q`` (4,) as ``process_noise`` gives it; ``time_s`` is the new stamp where a sum of steps
+    would be too coarse.
     """
-    x, P, _ = _propagate(state.x, state.P, f, w, dt, q)
-    return State(state.time_s + dt, x, P)
+    x, P = _propagate(state.x, state.P, f, w, dt, q)
+    return State(state.time_s + dt if time_s is None else time_s, x, P)
 
 
 def predict(
     x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
 ) -> tuple[Array, Array, Array]:
     """Return nominal state, covariance and transition F of one step: what a smoother needs."""
-    out: tuple[Array, Array, Array] = _propagate(x, P, f, w, dt, q)
+    x_new, P_new = _propagate(x, P, f, w, dt, q)
+    return x_new, P_new, _transition(x, f, w, dt)
+
+
+def pose_covariance(state: State) -> Array:
+    """Return the covariance (6, 6) of position [m] and of rotation about the map's axes [rad]."""
+    out: Array = _pose_covariance(state.x, state.P)
+    return out
+
+
+def twist_covariance(state: State, rate_sigma: float) -> Array:
+    """
+    Return the covariance (6, 6) of the velocity [m/s] and angular rate [rad/s] in the body.
+
+    ``rate_sigma``: standard deviation of a rate's noise [rad/s].
+    """
+    out: Array = _twist_covariance(state.x, state.P, rate_sigma)
     return out
 
 
@@ -240,9 +259,7 @@ def _transition(x: Array, f: Array, w: Array, dt: float) -> Array:
 
 
 @numba.njit(cache=True)
-def _propagate(
-    x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
-) -> tuple[Array, Array, Array]:
+def _propagate(x: Array, P: Array, f: Array, w: Array, dt: float, q: Array) -> tuple[Array, Array]:
     F = _transition(x, f, w, dt)
     out = x.copy()
     R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
@@ -257,7 +274,7 @@ def _propagate(
         P_new[6 + i, 6 + i] += q[1]
         P_new[9 + i, 9 + i] += q[2]
         P_new[12 + i, 12 + i] += q[3]
-    return out, P_new, F
+    return out, P_new
 
 
 @numba.njit(cache=True)
@@ -297,3 +314,25 @@ def _update(x: Array, P: Array, nu: Array, H: Array, R: Array) -> tuple[Array, A
     G[6:9, 6:9] = exp_one(-0.5 * e)
     P_new = G @ P_new @ np.ascontiguousarray(G.T)
     return _box_plus(x, error), 0.5 * (P_new + P_new.T)
+
+
+@numba.njit(cache=True)
+def _pose_covariance(x: Array, P: Array) -> Array:
+    T = np.zeros((6, 18))
+    T[0:3, 0:3] = np.eye(3)
+    T[3:6, 6:9] = x[6:15].reshape((3, 3))
+    return T @ P @ np.ascontiguousarray(T.T)
+
+
+@numba.njit(cache=True)
+def _twist_covariance(x: Array, P: Array, rate_sigma: float) -> Array:
+    R_bn = np.ascontiguousarray(x[6:15].reshape((3, 3)).T)
+    v = R_bn @ x[3:6]
+    J = np.zeros((6, 18))
+    J[0:3, 3:6] = R_bn
+    J[0:3, 6:9] = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    J[3:6, 12:15] = -np.eye(3)
+    out = J @ P @ np.ascontiguousarray(J.T)
+    for i in range(3, 6):
+        out[i, i] += rate_sigma**2
+    return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections.abc import Callable
@@ -83,6 +84,9 @@ def _run(make_node: Callable[[], Node], work: Work, program: str) -> int:
         signal.signal(number, note)
     try:
         node = make_node()
+        # What stays for good is not looked through again: such a search stops a node for 50 ms.
+        gc.collect()
+        gc.freeze()
         install_signal_handlers(SignalHandlerOptions.ALL)
         executor.add_node(node)
         if not noted:
