@@ -36,6 +36,7 @@ class ImuStep(NamedTuple):
         w_mean: (3,) running mean of the rate [rad/s].
         f_std: largest running standard deviation of the force's axes [m/s^2].
         w_std: the same of the rate [rad/s].
+        shake: (6,) running variance above 4 Hz of force and rate, per axis.
     """
 
     time_s: float
@@ -47,6 +48,7 @@ class ImuStep(NamedTuple):
     w_mean: Array
     f_std: float
     w_std: float
+    shake: Array
 
 
 class ImuMonitor:
@@ -54,8 +56,9 @@ class ImuMonitor:
 
     def __init__(self) -> None:
         self._last: ImuSample | None = None
-        # rows: low-passed f, running mean f, mean w, variance f, variance w, high-passed square f
-        self._m = np.zeros((6, 3))
+        # rows: low-passed f, running mean f, mean w, variance f, variance w, high-passed square f,
+        # low-passed w, high-passed square w
+        self._m = np.zeros((8, 3))
 
     def push(self, sample: ImuSample) -> ImuStep:
         """Return the step that ends at ``sample``; of the first sample, one of no length."""
@@ -63,10 +66,10 @@ class ImuMonitor:
         if last is None:
             last = sample
             self._m[0] = self._m[1] = sample.specific_force
-            self._m[2] = sample.angular_rate
+            self._m[2] = self._m[6] = sample.angular_rate
         self._last = sample
         dt = sample.time_s - last.time_s
-        f_step, w_step, f_mean, w_mean, vibration, f_std, w_std = _advance(
+        f_step, w_step, f_mean, w_mean, vibration, f_std, w_std, shake = _advance(
             self._m,
             last.specific_force,
             last.angular_rate,
@@ -74,13 +77,15 @@ class ImuMonitor:
             sample.angular_rate,
             dt,
         )
-        return ImuStep(sample.time_s, dt, f_step, w_step, vibration, f_mean, w_mean, f_std, w_std)
+        return ImuStep(
+            sample.time_s, dt, f_step, w_step, vibration, f_mean, w_mean, f_std, w_std, shake
+        )
 
 
 @numba.njit(cache=True)
 def _advance(
     m: Array, f_last: Array, w_last: Array, f: Array, w: Array, dt: float
-) -> tuple[Array, Array, Array, Array, float, float, float]:
+) -> tuple[Array, Array, Array, Array, float, float, float, Array]:
     fast = dt / (dt + 1.0 / (2.0 * np.pi * HIGH_PASS_HZ))
     slow = dt / (dt + AVERAGE_S)
     for i in range(3):
@@ -92,10 +97,14 @@ def _advance(
         m[3, i] += slow * (df * df - m[3, i])
         m[4, i] += slow * (dw * dw - m[4, i])
         m[5, i] += slow * (high * high - m[5, i])
+        m[6, i] += fast * (w[i] - m[6, i])
+        high = w[i] - m[6, i]
+        m[7, i] += slow * (high * high - m[7, i])
     vibration = np.sqrt((m[5, 0] + m[5, 1] + m[5, 2]) / 3.0)
     f_std, w_std = np.sqrt(m[3].max()), np.sqrt(m[4].max())
     f_step, w_step = 0.5 * (f_last + f), 0.5 * (w_last + w)
-    return f_step, w_step, m[1].copy(), m[2].copy(), vibration, f_std, w_std
+    shake = np.concatenate((m[5], m[7]))
+    return f_step, w_step, m[1].copy(), m[2].copy(), vibration, f_std, w_std, shake
 
 
 class ClockGuard:

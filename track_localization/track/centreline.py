@@ -108,6 +108,10 @@ class Centreline:
         """Return points (..., 3) in ``map`` [m]."""
         return self._position(s)
 
+    def slope(self, s: float | Array, derivative: int = 1) -> Array:
+        """Return the first or second ``derivative`` (..., 3) of the position by chainage."""
+        return self._position(s, derivative)
+
     def tangent(self, s: float | Array) -> Array:
         """Return unit vectors (..., 3) along the line in ``map``."""
         slope = self._position(s, 1)
