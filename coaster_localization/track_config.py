@@ -29,11 +29,13 @@ class TrackFilterConfig:
     )
     # Speed prior
     speed_sigma: float = setting(
-        0.05, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
+        0.06, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
     )
     speed_correlation_m: float = setting(
-        40.0, 'm', 'distance over which this deviation persists', 0.0, 1e4
+        150.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
     )
+    speed_noise: float = setting(0.02, '', 'what persists for less, as a share', 0.0, 10.0)
+    speed_noise_m: float = setting(20.0, 'm', 'distance over which that persists', 0.0, 1e4)
     # Start
     rest_s: float = setting(1.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
     start_sigma_m: float = setting(0.3, 'm', 'where the train stands at the start', 1e-3, 1e4)

@@ -32,6 +32,8 @@ GAP_S = 0.1
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 LEVEL_INTERVAL_S = 0.5
+STILL_ACCEL = 0.1
+"""A train that stands is not pulled along its line by more than this [m/s^2]."""
 REFERENCE_HZ = 100.0
 """Rate at which noise per sample is stated."""
 
@@ -61,8 +63,8 @@ class TrackState(NamedTuple):
 
     Attributes:
         time_s: [s].
-        x: (29,) nominal state, see ``line_filter``.
-        P: (17, 17) of the latest epoch.
+        x: (30,) nominal state, see ``line_filter``.
+        P: (18, 18) of the latest epoch.
     """
 
     time_s: float
@@ -89,6 +91,7 @@ class CoasterTrackFilter:
         self._settings = np.array(
             [c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m], dtype=float
         )
+        self._speed = np.array([c.speed_noise, c.speed_noise_m])
         self._table = (line.rows, line.step_m, line.closed)
         self.reset()
 
@@ -160,7 +163,7 @@ class CoasterTrackFilter:
         self._time_leveled = time_s
 
     def _start_covariance(self, R: Array, gyro_bias_sigma: float) -> Array:
-        """Return P (17, 17) of a train that stands where the line has the attitude ``R``."""
+        """Return P (18, 18) of a train that stands where the line has the attitude ``R``."""
         c = self.config
         P = np.zeros((kernel.ERRORS, kernel.ERRORS))
         P[0, 0], P[1, 1] = self._start_sigma**2, 0.05**2
@@ -173,6 +176,7 @@ class CoasterTrackFilter:
         P[8:11, 8:11] = gyro_bias_sigma**2 * np.eye(3)
         P[11:14, 11:14] = c.gyro_scale_sigma**2 * np.eye(3)
         P[14:17, 14:17] = c.accel_bias_sigma**2 * np.eye(3)
+        P[17, 17] = c.speed_sigma**2
         return P
 
     def _begin(self, time_s: float, x: Array, P: Array) -> None:
@@ -204,13 +208,13 @@ class CoasterTrackFilter:
                 kernel.still_gyro(x, P, step.w_mean, max(0.3 * step.w_std, 2e-4))
         else:
             kernel.match_attitude(x, P, T, *self._table, self._settings, self.nis)
-            kernel.match_speed(x, P, T, *self._table, config.speed_correlation_m)
+            kernel.match_speed(x, P, T, *self._table, self._speed)
         self.P = P
         if before is not None:
             self.epochs.append(Epoch(step.time_s, *before, F, x.copy(), P))
 
     def _noise(self, step: ImuStep) -> Array:
-        """Return the process noise (5,) of ``line_filter.predict``."""
+        """Return the process noise (7,) of ``line_filter.predict``."""
         c = self.config
         forward = self.x[11:14]
         shake = float(forward**2 @ step.shake[0:3])
@@ -221,21 +225,31 @@ class CoasterTrackFilter:
             accel += GAP_ACCEL**2 * step.dt
             rate += GAP_RATE**2 * step.dt
         return np.array(
-            [accel, rate, c.gyro_bias_walk**2, c.accel_bias_walk**2, c.mount_walk**2]
+            [
+                accel,
+                rate,
+                c.gyro_bias_walk**2,
+                c.accel_bias_walk**2,
+                c.mount_walk**2,
+                c.speed_sigma,
+                c.speed_correlation_m,
+            ]
         )
 
     def _still(self, step: ImuStep) -> bool:
         """
-        Whether the train stands: shaken as little as in the station, under 1 g, not fast.
+        Whether the train stands: shaken as little as in the station, not braking, not fast.
 
-        A quiet chain lift looks like standstill to the IMU, so the filter's own speed must agree.
+        A quiet chain lift looks like standstill to the IMU, and so does a train that comes slowly
+        to rest: the filter's own speed and the force along the line must agree.
         """
         rest = self._rest
         if rest is None:
             return False
-        return (
-            step.f_std < min(max(3.0 * rest.force_std, 0.05), 0.3)
-            and step.w_std < min(max(3.0 * rest.rate_std, 0.005), 0.03)
-            and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
-            and abs(self.x[1]) < 0.3 + 2.0 * math.sqrt(self.P[1, 1])
-        )
+        if step.f_std > 1.5 * rest.force_std + 0.005 or step.w_std > 1.5 * rest.rate_std + 0.0005:
+            return False
+        if abs(self.x[1]) > 0.3 + 2.0 * math.sqrt(self.P[1, 1]):
+            return False
+        body = self.x[11:20].reshape(3, 3) @ (step.f_mean - self.x[26:29])
+        pull = kernel.acceleration(*self._table, self.x[0], 0.0, *body)
+        return abs(pull) < STILL_ACCEL

@@ -22,13 +22,13 @@ def line_map(design: DesignRide, config: TrackFilterConfig) -> LineMap:
     """Return the line of the design ride's seat, with its speed where it passes just once."""
     table = LineMap(Centreline.from_design_ride(design), config.attitude_sigma)
     if config.speed_sigma > 0.0:
-        table.set_speed(*usual_speed(design, table, config.speed_sigma))
+        table.set_speed(*usual_speed(design, table))
     return table
 
 
-def usual_speed(design: DesignRide, table: LineMap, share: float) -> tuple[Array, Array]:
+def usual_speed(design: DesignRide, table: LineMap) -> tuple[Array, Array]:
     """
-    Return speed and standard deviation (M,) by chainage [m/s]; NaN where it is not known.
+    Return speed and what its place leaves open (M,) by chainage [m/s]; NaN where not known.
 
     A track that is run both ways has no usual speed.
     """
@@ -45,4 +45,4 @@ def usual_speed(design: DesignRide, table: LineMap, share: float) -> tuple[Array
     speed = np.interp(s, where[order], rate[moving][order])
     speed[speed < SLOWEST_MPS] = np.nan
     slope = np.abs(np.gradient(speed, table.step_m))
-    return speed, np.hypot(share * speed, PLACE_SIGMA_M * slope)
+    return speed, PLACE_SIGMA_M * slope

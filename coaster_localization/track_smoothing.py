@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 def smooth_epochs(epochs: Sequence[Epoch]) -> tuple[Array, Array]:
     """
-    Return smoothed nominal states (N, 29) and covariances (N, 17, 17) of successive epochs.
+    Return smoothed nominal states (N, 30) and covariances (N, 18, 18) of successive epochs.
 
     Rauch-Tung-Striebel, from the last epoch's own estimate back.
     """
@@ -48,6 +48,6 @@ def _backward(
 
 
 def smooth(filter_: CoasterTrackFilter) -> tuple[Array, Array, Array]:
-    """Return stamps (N,), states (N, 29) and covariances (N, 17, 17) at the filter's epochs."""
+    """Return stamps (N,), states (N, 30) and covariances (N, 18, 18) at the filter's epochs."""
     x, P = smooth_epochs(filter_.epochs)
     return np.array([e.time_s for e in filter_.epochs]), x, P

@@ -5,10 +5,11 @@ The attitude integrated from the gyro is compared with the line's own: a line th
 where on it the vehicle is, whatever its speed did. The specific force along the line drives the
 speed, a usual speed by chainage may help, and standstill is a measurement.
 
-Nominal state x (29,): chainage s [m], its rate v [m/s], C (9, sensor to map), M (9, sensor to
-body), gyro bias (3) [rad/s], gyro scale (3), accelerometer bias (3) [m/s^2]. Error state (17,):
-s, v, tilt (C = exp(tilt) C^), mount (M = exp(mount) M^), biases and scale. Everything is compiled
-and changes ``x`` and ``P`` in place.
+Nominal state x (30,): chainage s [m], its rate v [m/s], C (9, sensor to map), M (9, sensor to
+body), gyro bias (3) [rad/s], gyro scale (3), accelerometer bias (3) [m/s^2] and pace (how much
+faster than usual the vehicle is here, a share). Error state (18,): s, v, tilt (C = exp(tilt) C^),
+mount (M = exp(mount) M^), biases, scale and pace. Everything is compiled and changes ``x`` and
+``P`` in place.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from track_localization.estimation.so3 import exp_one, log_one, normalised_one
 
 Array = NDArray[np.float64]
 
-NOMINAL, ERRORS = 29, 17
-S, V, TILT, MOUNT, GYRO_BIAS, GYRO_SCALE, ACCEL_BIAS = 0, 1, 2, 5, 8, 11, 14
-X_ATTITUDE, X_MOUNT, X_GYRO_BIAS, X_GYRO_SCALE, X_ACCEL_BIAS = 2, 11, 20, 23, 26
+NOMINAL, ERRORS = 30, 18
+S, V, TILT, MOUNT, GYRO_BIAS, GYRO_SCALE, ACCEL_BIAS, PACE = 0, 1, 2, 5, 8, 11, 14, 17
+X_ATTITUDE, X_MOUNT, X_GYRO_BIAS, X_GYRO_SCALE, X_ACCEL_BIAS, X_PACE = 2, 11, 20, 23, 26, 29
 
 SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 """What is summed between two epochs: time, force (3), C dt (9), C diag(w) dt (9)."""
@@ -104,10 +105,11 @@ def predict(
     x: Array, P: Array, sums: Array, noise: Array, rows: Array, step: float, closed: bool
 ) -> Array:
     """
-    Carry ``P`` over the epoch that ``sums`` describes, clear them, return the transition (17, 17).
+    Carry ``P`` over the epoch that ``sums`` describes, clear them, return the transition (18, 18).
 
-    ``noise`` (5,): white acceleration along the line, white rate [(m/s^2)^2 s, (rad/s)^2 s], and
-    the walks of gyro bias, accelerometer bias and mount [units^2/s].
+    ``noise`` (7,): white acceleration along the line, white rate [(m/s^2)^2 s, (rad/s)^2 s], the
+    walks of gyro bias, accelerometer bias and mount [units^2/s], standard deviation of the pace
+    and the distance over which it persists [m].
     """
     T = sums[SUM_TIME]
     F = np.eye(ERRORS)
@@ -142,6 +144,12 @@ def predict(
         for j in range(3):
             F[TILT + k, GYRO_BIAS + j] = -sums[SUM_TURN + 3 * k + j]
             F[TILT + k, GYRO_SCALE + j] = -sums[SUM_SCALED + 3 * k + j]
+    keep = np.exp(-abs(v) * T / noise[6])
+    F[PACE, PACE] = keep
+    x[X_PACE] *= keep
+    P[PACE, :] *= keep
+    P[:, PACE] *= keep
+    P[PACE, PACE] += noise[5] ** 2 * (1.0 - keep * keep)
     FP = P.copy()
     for r in range(5):
         for c in range(ERRORS):
@@ -173,33 +181,33 @@ def predict(
 
 @numba.njit(cache=True)
 def add_error(x: Array, e: Array) -> None:
-    """Correct the nominal state by an error (17,)."""
+    """Correct the nominal state by an error (18,)."""
     x[0] += e[S]
     x[1] += e[V]
     C = exp_one(e[TILT : TILT + 3]) @ x[2:11].copy().reshape((3, 3))
     M = exp_one(e[MOUNT : MOUNT + 3]) @ x[11:20].copy().reshape((3, 3))
     x[2:11] = normalised_one(C).ravel()
     x[11:20] = normalised_one(M).ravel()
-    x[20:29] += e[GYRO_BIAS:ERRORS]
+    x[20:30] += e[GYRO_BIAS:ERRORS]
 
 
 @numba.njit(cache=True)
 def difference(x: Array, reference: Array) -> Array:
-    """Return the error (17,) that takes ``reference`` to ``x``."""
+    """Return the error (18,) that takes ``reference`` to ``x``."""
     e = np.empty(ERRORS)
     e[S], e[V] = x[0] - reference[0], x[1] - reference[1]
     for first, k in ((2, TILT), (11, MOUNT)):
         A = x[first : first + 9].copy().reshape((3, 3))
         B = reference[first : first + 9].copy().reshape((3, 3))
         e[k : k + 3] = log_one(A @ np.ascontiguousarray(B.T))
-    e[GYRO_BIAS:ERRORS] = x[20:29] - reference[20:29]
+    e[GYRO_BIAS:ERRORS] = x[20:30] - reference[20:30]
     return e
 
 
 @numba.njit(cache=True)
 def correct(x: Array, P: Array, nu: Array, H: Array, R: Array) -> None:
     """
-    Fuse a measurement of independent parts: ``nu`` (m,), ``H`` (m, 17), variances ``R`` (m,).
+    Fuse a measurement of independent parts: ``nu`` (m,), ``H`` (m, 18), variances ``R`` (m,).
 
     One part at a time, which needs no inverse; then the nominal state takes the error over.
     """
@@ -301,24 +309,30 @@ def match_attitude(
 
 @numba.njit(cache=True)
 def match_speed(
-    x: Array, P: Array, T: float, rows: Array, step: float, closed: bool, correlation: float
+    x: Array, P: Array, T: float, rows: Array, step: float, closed: bool, settings: Array
 ) -> float:
-    """Fuse the usual speed at this chainage, if there is one; return the NIS."""
+    """
+    Fuse the usual speed at this chainage times 1 + pace, if there is one; return the NIS.
+
+    ``settings`` (2,): what pace leaves unexplained, a share, and the distance over which that
+    persists [m]. The row's own standard deviation comes on top.
+    """
     i, share = row_of(rows, step, closed, x[0])
     usual = (1.0 - share) * rows[i, _SPEED] + share * rows[i + 1, _SPEED]
-    spread = rows[i, _SPEED_SIGMA]
-    if not (usual > 1.0 and abs(x[1]) > 0.5 and np.isfinite(spread)):
+    if not (usual > 1.0 and abs(x[1]) > 0.5):
         return 0.0
     reach = min(max(SQRT3 * np.sqrt(P[0, 0]), 0.5), 10.0)
     j, _ = row_of(rows, step, closed, x[0] + reach)
     k, _ = row_of(rows, step, closed, x[0] - reach)
     slope = (rows[j, _SPEED] - rows[k, _SPEED]) / (2.0 * reach)
-    if not np.isfinite(slope):
+    if not np.isfinite(slope + rows[i, _SPEED_SIGMA]):
         return 0.0
+    pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))
-    H[0, S], H[0, V] = -slope, 1.0
-    nu = np.array([usual - x[1]])
-    R = np.array([spread**2 * max(1.0, correlation / (abs(x[1]) * T))])
+    H[0, S], H[0, V], H[0, PACE] = -slope * pace, 1.0, -usual
+    nu = np.array([usual * pace - x[1]])
+    variance = rows[i, _SPEED_SIGMA] ** 2 + (settings[0] * usual) ** 2
+    R = np.array([variance * max(1.0, settings[1] / (abs(x[1]) * T))])
     own = np.dot(H[0], P @ H[0]) + R[0]
     ratio = nu[0] ** 2 / own
     if ratio > 9.0:
