@@ -29,12 +29,12 @@ class TrackFilterConfig:
     )
     # Speed prior
     speed_sigma: float = setting(
-        0.06, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
+        0.08, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
     )
     speed_correlation_m: float = setting(
-        150.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
+        300.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
     )
-    speed_noise: float = setting(0.02, '', 'what persists for less, as a share', 0.0, 10.0)
+    speed_noise: float = setting(0.01, '', 'what persists for less, as a share', 0.0, 10.0)
     speed_noise_m: float = setting(20.0, 'm', 'distance over which that persists', 0.0, 1e4)
     # Start
     rest_s: float = setting(1.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
@@ -47,7 +47,7 @@ class TrackFilterConfig:
         0.03, 'm/s^2', 'error of the force along the line, per sample at 100 Hz, at least', 0.0, 10.0
     )
     vibration_gain: float = setting(
-        2.0, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
+        1.0, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
     )
     gyro_noise: float = setting(1.5e-4, 'rad/s/sqrt(Hz)', 'angle random walk', 0.0, 1.0)
     gyro_vibration_gain: float = setting(

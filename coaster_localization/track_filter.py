@@ -214,7 +214,7 @@ class CoasterTrackFilter:
             self.epochs.append(Epoch(step.time_s, *before, F, x.copy(), P))
 
     def _noise(self, step: ImuStep) -> Array:
-        """Return the process noise (7,) of ``line_filter.predict``."""
+        """Return the process noise (6,) of ``line_filter.predict``."""
         c = self.config
         forward = self.x[11:14]
         shake = float(forward**2 @ step.shake[0:3])
@@ -232,7 +232,6 @@ class CoasterTrackFilter:
                 c.accel_bias_walk**2,
                 c.mount_walk**2,
                 c.speed_sigma,
-                c.speed_correlation_m,
             ]
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from coaster_localization.track_config import TrackFilterConfig
 from track_localization.track.centreline import Centreline
@@ -16,27 +17,33 @@ SLOWEST_MPS = 1.0
 """Below this the design ride's speed says nothing: it stops, starts or waits there."""
 PLACE_SIGMA_M = 0.7
 """Where brakes and drives take hold differs from the design by this much."""
+DRIVEN_ACCEL, DRIVEN_MPS = 0.03, 8.0
+"""A train that keeps its speed within this [m/s^2] below this speed is driven."""
+CHANGE_M, RENEWED = 2.0, 3.0
+"""Half the length of a change of drive; what is left of the old deviation is exp(-RENEWED)."""
 
 
 def line_map(design: DesignRide, config: TrackFilterConfig) -> LineMap:
     """Return the line of the design ride's seat, with its speed where it passes just once."""
     table = LineMap(Centreline.from_design_ride(design), config.attitude_sigma)
     if config.speed_sigma > 0.0:
-        table.set_speed(*usual_speed(design, table))
+        speed = usual_speed(design, table)
+        open_ = PLACE_SIGMA_M * np.abs(np.gradient(speed, table.step_m))
+        renewal = 1.0 / config.speed_correlation_m + regime_changes(speed, table)
+        table.set_speed(speed, open_, renewal)
     return table
 
 
-def usual_speed(design: DesignRide, table: LineMap) -> tuple[Array, Array]:
+def usual_speed(design: DesignRide, table: LineMap) -> Array:
     """
-    Return speed and what its place leaves open (M,) by chainage [m/s]; NaN where not known.
+    Return the design's speed (M,) by chainage [m/s]; NaN where it is not known.
 
     A track that is run both ways has no usual speed.
     """
     s = table.chainage
-    unknown = np.full(len(s), np.nan)
     rate = np.gradient(design.chainage, design.time_s)
     if rate.min() < -0.1:
-        return unknown, unknown
+        return np.full(len(s), np.nan)
     moving = np.flatnonzero(rate > 0.05)
     where = design.chainage[moving]
     if table.closed:
@@ -44,5 +51,21 @@ def usual_speed(design: DesignRide, table: LineMap) -> tuple[Array, Array]:
     order = np.argsort(where, kind='stable')
     speed = np.interp(s, where[order], rate[moving][order])
     speed[speed < SLOWEST_MPS] = np.nan
-    slope = np.abs(np.gradient(speed, table.step_m))
-    return speed, PLACE_SIGMA_M * slope
+    return speed
+
+
+def regime_changes(speed: Array, table: LineMap) -> Array:
+    """
+    Return how fast a deviation from the usual speed is renewed (M,) [1/m].
+
+    A lift, a tyre drive or a trim keeps a speed of its own: how far one is off says nothing of
+    the next. Their ends are where the speed begins or ceases to be constant.
+    """
+    acceleration = uniform_filter1d(np.nan_to_num(speed * np.gradient(speed, table.step_m)), 11)
+    driven = (np.abs(acceleration) < DRIVEN_ACCEL) & (speed < DRIVEN_MPS)
+    size = round(2.0 * CHANGE_M / table.step_m)
+    driven = maximum_filter1d(minimum_filter1d(driven, size), size)
+    edges = np.flatnonzero(np.diff(driven.astype(int)))
+    near = np.zeros(len(speed))
+    near[edges] = 1.0
+    return np.asarray(maximum_filter1d(near, size) * (RENEWED / (2.0 * CHANGE_M)))

@@ -32,7 +32,7 @@ SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 
 # Columns of a row of the line, see LineMap.
 _TURNING, _TANGENT, _STRETCH, _LEVER, _CLIMB = 9, 12, 15, 16, 17
-_SPEED, _SPEED_SIGMA, _SIGMA = 18, 19, 20
+_SPEED, _SPEED_SIGMA, _SIGMA, _RENEWAL = 18, 19, 20, 21
 SQRT3 = np.sqrt(3.0)
 
 
@@ -107,9 +107,8 @@ def predict(
     """
     Carry ``P`` over the epoch that ``sums`` describes, clear them, return the transition (18, 18).
 
-    ``noise`` (7,): white acceleration along the line, white rate [(m/s^2)^2 s, (rad/s)^2 s], the
-    walks of gyro bias, accelerometer bias and mount [units^2/s], standard deviation of the pace
-    and the distance over which it persists [m].
+    ``noise`` (6,): white acceleration along the line, white rate [(m/s^2)^2 s, (rad/s)^2 s], the
+    walks of gyro bias, accelerometer bias and mount [units^2/s], standard deviation of the pace.
     """
     T = sums[SUM_TIME]
     F = np.eye(ERRORS)
@@ -144,7 +143,7 @@ def predict(
         for j in range(3):
             F[TILT + k, GYRO_BIAS + j] = -sums[SUM_TURN + 3 * k + j]
             F[TILT + k, GYRO_SCALE + j] = -sums[SUM_SCALED + 3 * k + j]
-    keep = np.exp(-abs(v) * T / noise[6])
+    keep = np.exp(-abs(v) * T * row[_RENEWAL])
     F[PACE, PACE] = keep
     x[X_PACE] *= keep
     P[PACE, :] *= keep

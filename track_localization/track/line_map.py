@@ -12,8 +12,8 @@ from track_localization.track.centreline import Centreline
 Array = NDArray[np.float64]
 
 ATTITUDE, TURNING, TANGENT = slice(0, 9), slice(9, 12), slice(12, 15)
-STRETCH, LEVER, CLIMB, SPEED, SPEED_SIGMA, SIGMA = 15, 16, 17, 18, 19, 20
-WIDTH = 21
+STRETCH, LEVER, CLIMB, SPEED, SPEED_SIGMA, SIGMA, RENEWAL = 15, 16, 17, 18, 19, 20, 21
+WIDTH = 22
 """Columns of a row; see LineMap."""
 
 
@@ -24,11 +24,12 @@ class LineMap:
     The vehicle's reference point draws the path p(s), its body keeps the attitude R(s). A row is:
     R (9, row by row), its turning rate (3, body axes) [rad/m], the path's tangent (3, body axes),
     |p'| (metres of path for a metre of chainage), p'' along the tangent [1/m], gravity along the
-    tangent [m/s^2], the usual speed |ds/dt| and its standard deviation [m/s] (NaN: not known), and
-    the standard deviation of the attitude [rad].
+    tangent [m/s^2], the usual speed |ds/dt| and its standard deviation [m/s] (NaN: not known), the
+    standard deviation of the attitude [rad], and how fast a vehicle's deviation from the usual
+    speed is renewed [1/m].
 
     Attributes:
-        rows: (M, 21).
+        rows: (M, 22).
         position: (M, 3) in ``map`` [m].
         step_m: between rows [m].
         length: of the line [m].
@@ -56,15 +57,17 @@ class LineMap:
         self.rows[:, LEVER] = np.einsum('ni,ni->n', tangent, bend)
         self.rows[:, CLIMB] = GRAVITY * tangent[:, 2]
         self.rows[:, SIGMA] = attitude_sigma
+        self.rows[:, RENEWAL] = 0.0
 
     @property
     def chainage(self) -> Array:
         """Chainage (M,) of the rows [m]."""
         return np.linspace(0.0, self.length, len(self.rows))
 
-    def set_speed(self, speed: Array, sigma: Array) -> None:
-        """Set the usual speed (M,) and its standard deviation (M,) [m/s]; NaN where unknown."""
+    def set_speed(self, speed: Array, sigma: Array, renewal: Array) -> None:
+        """Set usual speed, its standard deviation [m/s] and its renewal [1/m], each (M,)."""
         self.rows[:, SPEED], self.rows[:, SPEED_SIGMA] = speed, sigma
+        self.rows[:, RENEWAL] = renewal
 
     def turn(self, correction: Array) -> None:
         """Correct the attitude by rotation vectors (M, 3) in body axes [rad], learnt from rides."""
