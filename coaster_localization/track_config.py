@@ -14,7 +14,7 @@ class TrackFilterConfig:
     epoch_s: float = setting(0.05, 's', 'time between two comparisons with the line', 0.01, 1.0)
     # The line
     attitude_sigma: float = setting(
-        0.006, 'rad', "built track's attitude against the design's", 1e-4, 0.5
+        0.0045, 'rad', "built track's attitude against the design's", 1e-4, 0.5
     )
     attitude_correlation_m: float = setting(
         6.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
@@ -32,9 +32,9 @@ class TrackFilterConfig:
         0.08, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
     )
     speed_correlation_m: float = setting(
-        300.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
+        1000.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
     )
-    speed_noise: float = setting(0.01, '', 'what persists for less, as a share', 0.0, 10.0)
+    speed_noise: float = setting(0.005, '', 'what persists for less, as a share', 0.0, 10.0)
     speed_noise_m: float = setting(20.0, 'm', 'distance over which that persists', 0.0, 1e4)
     # Start
     rest_s: float = setting(1.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
