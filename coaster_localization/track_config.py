@@ -44,7 +44,11 @@ class TrackFilterConfig:
     )
     # IMU
     accel_noise: float = setting(
-        0.03, 'm/s^2', 'error of the force along the line, per sample at 100 Hz, at least', 0.0, 10.0
+        0.03,
+        'm/s^2',
+        'error of the force along the line, per sample at 100 Hz, at least',
+        0.0,
+        10.0,
     )
     vibration_gain: float = setting(
         1.0, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0

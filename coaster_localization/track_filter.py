@@ -182,6 +182,7 @@ class CoasterTrackFilter:
     def _begin(self, time_s: float, x: Array, P: Array) -> None:
         self.x, self.P, self._sums = x, P, np.zeros(kernel.SUMS)
         self._running = True
+        self._driven = np.zeros(1)
         self._epoch_s = time_s
         self._time_leveled = time_s
 
@@ -198,9 +199,18 @@ class CoasterTrackFilter:
         T = step.time_s - self._epoch_s
         self._epoch_s = step.time_s
         P = self.P.copy()
+        force = self._sums[kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / max(T, 1e-6) - x[26:29]
         F = kernel.predict(x, P, self._sums, self._noise(step), *self._table)
+        still = self._still(step)
+        if still:
+            self._driven[0] = 0.0
+            driven = True
+        else:
+            body = x[11:20].reshape(3, 3) @ force
+            shake = math.sqrt(float(step.shake[0:3].max()))
+            driven = kernel.follow_drive(x, P, F, T, *self._table, self._driven, body, shake)
         before = (x.copy(), P.copy()) if self._keep else None
-        if self._still(step):
+        if still:
             kernel.hold(x, P, config.zupt_sigma)
             if step.time_s - self._time_leveled >= LEVEL_INTERVAL_S:
                 self._time_leveled = step.time_s
@@ -208,6 +218,7 @@ class CoasterTrackFilter:
                 kernel.still_gyro(x, P, step.w_mean, max(0.3 * step.w_std, 2e-4))
         else:
             kernel.match_attitude(x, P, T, *self._table, self._settings, self.nis)
+        if not driven:
             kernel.match_speed(x, P, T, *self._table, self._speed)
         self.P = P
         if before is not None:

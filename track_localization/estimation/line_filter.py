@@ -34,6 +34,10 @@ SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 _TURNING, _TANGENT, _STRETCH, _LEVER, _CLIMB = 9, 12, 15, 16, 17
 _SPEED, _SPEED_SIGMA, _SIGMA, _RENEWAL = 18, 19, 20, 21
 SQRT3 = np.sqrt(3.0)
+DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
+"""An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
+DRIVEN_PACE = 0.005
+"""What is then left of the pace's uncertainty beside the speed's own."""
 
 
 @numba.njit(cache=True)
@@ -281,8 +285,13 @@ def match_attitude(
         r = mean
     H = np.zeros((3, ERRORS))
     R = np.ascontiguousarray(attitude_at(rows, step, closed, s).T)
-    half = np.array([[1.0, 0.5 * r[2], -0.5 * r[1]], [-0.5 * r[2], 1.0, 0.5 * r[0]],
-                     [0.5 * r[1], -0.5 * r[0], 1.0]])
+    half = np.array(
+        [
+            [1.0, 0.5 * r[2], -0.5 * r[1]],
+            [-0.5 * r[2], 1.0, 0.5 * r[0]],
+            [0.5 * r[1], -0.5 * r[0], 1.0],
+        ]
+    )
     H[:, TILT : TILT + 3] = half @ R
     H[:, MOUNT : MOUNT + 3] = -np.ascontiguousarray(half.T)
     for j in range(3):
@@ -307,6 +316,56 @@ def match_attitude(
 
 
 @numba.njit(cache=True)
+def usual_speed(
+    rows: Array, step: float, closed: bool, s: float, sigma: float
+) -> tuple[float, float, float]:
+    """Return the usual speed at ``s`` [m/s], its slope [1/s] and spread; NaN where not known."""
+    i, share = row_of(rows, step, closed, s)
+    usual = (1.0 - share) * rows[i, _SPEED] + share * rows[i + 1, _SPEED]
+    reach = min(max(SQRT3 * sigma, 0.5), 10.0)
+    j, _ = row_of(rows, step, closed, s + reach)
+    k, _ = row_of(rows, step, closed, s - reach)
+    return usual, (rows[j, _SPEED] - rows[k, _SPEED]) / (2.0 * reach), rows[i, _SPEED_SIGMA]
+
+
+@numba.njit(cache=True)
+def follow_drive(
+    x: Array,
+    P: Array,
+    F: Array,
+    T: float,
+    rows: Array,
+    step: float,
+    closed: bool,
+    driven: Array,
+    force: Array,
+    shake: float,
+) -> bool:
+    """
+    Let the pace follow the speed where the vehicle is driven or braked as it usually is not.
+
+    Part of the prediction: ``F`` is changed with ``P``. ``driven`` (1,) averages the unusual
+    acceleration, from the specific ``force`` (3,) in body axes, whose noise is ``shake`` [m/s^2].
+    Return whether it is so.
+    """
+    usual, slope, _ = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
+    if not (usual > 1.0 and np.isfinite(slope)):
+        driven[0] = 0.0
+        return False
+    a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
+    unusual = a - x[1] * slope * (1.0 + x[X_PACE])
+    driven[0] += T / (T + DRIVEN_S) * (unusual - driven[0])
+    if abs(driven[0]) < DRIVEN_ACCEL + 0.3 * shake:
+        return False
+    x[X_PACE] = x[1] / usual - 1.0
+    F[PACE, :] = F[V, :] / usual
+    P[PACE, :] = P[V, :] / usual
+    P[:, PACE] = P[PACE, :]
+    P[PACE, PACE] = P[V, V] / usual**2 + DRIVEN_PACE**2
+    return True
+
+
+@numba.njit(cache=True)
 def match_speed(
     x: Array, P: Array, T: float, rows: Array, step: float, closed: bool, settings: Array
 ) -> float:
@@ -316,21 +375,14 @@ def match_speed(
     ``settings`` (2,): what pace leaves unexplained, a share, and the distance over which that
     persists [m]. The row's own standard deviation comes on top.
     """
-    i, share = row_of(rows, step, closed, x[0])
-    usual = (1.0 - share) * rows[i, _SPEED] + share * rows[i + 1, _SPEED]
-    if not (usual > 1.0 and abs(x[1]) > 0.5):
-        return 0.0
-    reach = min(max(SQRT3 * np.sqrt(P[0, 0]), 0.5), 10.0)
-    j, _ = row_of(rows, step, closed, x[0] + reach)
-    k, _ = row_of(rows, step, closed, x[0] - reach)
-    slope = (rows[j, _SPEED] - rows[k, _SPEED]) / (2.0 * reach)
-    if not np.isfinite(slope + rows[i, _SPEED_SIGMA]):
+    usual, slope, spread = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
+    if not (usual > 1.0 and abs(x[1]) > 0.5 and np.isfinite(slope + spread)):
         return 0.0
     pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))
     H[0, S], H[0, V], H[0, PACE] = -slope * pace, 1.0, -usual
     nu = np.array([usual * pace - x[1]])
-    variance = rows[i, _SPEED_SIGMA] ** 2 + (settings[0] * usual) ** 2
+    variance = spread**2 + (settings[0] * usual) ** 2
     R = np.array([variance * max(1.0, settings[1] / (abs(x[1]) * T))])
     own = np.dot(H[0], P @ H[0]) + R[0]
     ratio = nu[0] ** 2 / own
