@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from coaster_localization.track_config import TrackFilterConfig
 from track_localization.settings import setting
 
 CHANNELS = ('z', 'pitch', 'yaw', 'roll', 'multi')
@@ -171,6 +172,7 @@ class CoasterConfig:
 
     matcher: MatcherConfig = MatcherConfig()
     eskf: EskfConfig = EskfConfig()
+    track_filter: TrackFilterConfig = dataclasses.field(default_factory=TrackFilterConfig)
     mount_rpy_deg: tuple[float, float, float] = setting(
         (0.0, 0.0, 0.0), 'deg', 'roll, pitch, yaw of the sensor in the body, ZYX', -180.0, 180.0
     )

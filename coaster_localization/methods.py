@@ -16,6 +16,8 @@ from coaster_localization.observation import MatchObservation, observation_covar
 from coaster_localization.online import OnlineMatcher
 from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.smoothing import estimates_to_trajectory, run_filter, smooth
+from coaster_localization.track_map import line_map
+from coaster_localization.track_rides import FilteredRide, filter_ride
 from track_localization.estimation import so3
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
@@ -38,7 +40,11 @@ MATCHING = {
 }
 """Matching methods: name -> (algorithm, channel)."""
 
-METHODS = ('imu', *MATCHING, 'eskf_paper', 'eskf_live', 'eskf', 'eskf_smoothed')
+TRACK_METHODS = ('track_filter', 'track_filter_lag', 'track_filter_smoothed')
+METHODS = (
+    *('imu', *MATCHING, 'eskf_paper', 'eskf_live', 'eskf', 'eskf_smoothed'),
+    *TRACK_METHODS,
+)
 PAPER_FRONT_END = 'srdtw_paper'
 """SRDTW on Z with the paper's own settings; the other methods have the tuned defaults."""
 WHOLE_RIDE_S = 1e9
@@ -119,11 +125,14 @@ class _Runner:
         self.config = config
         self._matches: dict[str, tuple[Match, float]] = {}
         self._filtered: tuple[CoasterEskf, Trajectory, float] | None = None
+        self._tracked: FilteredRide | None = None
 
     def run(self, name: str) -> MethodResult:
         """Run one method; raise KeyError for a name that is not a method's."""
         if name in MATCHING:
             return self._matching(name)
+        if name in TRACK_METHODS:
+            return self._track_filter(name)
         return {
             'imu': self._imu_only,
             'eskf_paper': self._paper,
@@ -236,3 +245,19 @@ class _Runner:
         return MethodResult(
             'eskf_smoothed', trajectory, match, self.front_end, filter_.rejected, runtime
         )
+
+    def _track_filter(self, name: str) -> MethodResult:
+        config = self.config.track_filter
+        if self._tracked is None:
+            line, start_m = line_map(self.design, config), float(self.design.chainage[0])
+            self._tracked = filter_ride(self.imu, line, start_m, config)
+        ride = self._tracked
+        begin = time.perf_counter()
+        trajectory = {
+            'track_filter': ride.live,
+            'track_filter_lag': ride.lagged,
+            'track_filter_smoothed': ride.smoothed,
+        }[name]()
+        stage = 'output' if name == 'track_filter' else 'smoothing'
+        runtime = {'filter': ride.runtime_s, stage: time.perf_counter() - begin}
+        return MethodResult(name, trajectory, None, None, ride.rejected, runtime)

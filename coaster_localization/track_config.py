@@ -25,7 +25,7 @@ class TrackFilterConfig:
     )
     reach_m: float = setting(25.0, 'm', 'most that this looks ahead and back', 0.5, 200.0)
     line_sigma_m: float = setting(
-        0.025, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
+        0.03, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
     )
     # Speed prior
     speed_sigma: float = setting(

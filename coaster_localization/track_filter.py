@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from coaster_localization.sensed import shortest_turn
 from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
-from track_localization import GRAVITY
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.imu import ImuSample
@@ -65,11 +65,13 @@ class TrackState(NamedTuple):
         time_s: [s].
         x: (30,) nominal state, see ``line_filter``.
         P: (18, 18) of the latest epoch.
+        lost: probability that the vehicle is somewhere else altogether.
     """
 
     time_s: float
     x: Array
     P: Array
+    lost: float = 0.0
 
 
 class CoasterTrackFilter:
@@ -77,16 +79,20 @@ class CoasterTrackFilter:
     Follow one ride on a line.
 
     ``push`` takes IMU samples in the order they come and returns a state for each, once the start
-    is known. With ``keep`` every epoch is kept in ``epochs``, for smoothing.
+    is known. ``on_epoch`` is called with every comparison with the line: what smoothing needs.
     """
 
     def __init__(
-        self, line: LineMap, start_m: float, config: TrackFilterConfig, keep: bool = False
+        self,
+        line: LineMap,
+        start_m: float,
+        config: TrackFilterConfig,
+        on_epoch: Callable[[Epoch], None] | None = None,
     ) -> None:
         """Prepare to start at chainage ``start_m`` of ``line``."""
         self.line, self.config = line, config
         self._start_m, self._start_sigma = start_m, config.start_sigma_m
-        self._keep = keep
+        self._on_epoch = on_epoch
         c = config
         self._settings = np.array(
             [c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m], dtype=float
@@ -106,7 +112,6 @@ class CoasterTrackFilter:
         self._waiting: deque[ImuSample] = deque()
         self._rest: Rest | None = None
         self._running = False
-        self.epochs: list[Epoch] = []
         self.accepted = {'imu': 0}
         self.nis = np.zeros(3)
 
@@ -150,7 +155,6 @@ class CoasterTrackFilter:
 
     def _begin_at_rest(self, time_s: float, rest: Rest) -> None:
         """Take the attitude from the line at the start and the mount's tilt from gravity."""
-        c = self.config
         R = kernel.attitude_at(*self._table, self._start_m)
         M = shortest_turn(rest.force, R[2])
         x = np.zeros(kernel.NOMINAL)
@@ -181,7 +185,7 @@ class CoasterTrackFilter:
 
     def _begin(self, time_s: float, x: Array, P: Array) -> None:
         self.x, self.P, self._sums = x, P, np.zeros(kernel.SUMS)
-        self._running = True
+        self._running = self._first = True
         self._driven = np.zeros(1)
         self._epoch_s = time_s
         self._time_leveled = time_s
@@ -209,7 +213,7 @@ class CoasterTrackFilter:
             body = x[11:20].reshape(3, 3) @ force
             shake = math.sqrt(float(step.shake[0:3].max()))
             driven = kernel.follow_drive(x, P, F, T, *self._table, self._driven, body, shake)
-        before = (x.copy(), P.copy()) if self._keep else None
+        before = (x.copy(), P.copy()) if self._on_epoch is not None else None
         if still:
             kernel.hold(x, P, config.zupt_sigma)
             if step.time_s - self._time_leveled >= LEVEL_INTERVAL_S:
@@ -221,8 +225,12 @@ class CoasterTrackFilter:
         if not driven:
             kernel.match_speed(x, P, T, *self._table, self._speed)
         self.P = P
-        if before is not None:
-            self.epochs.append(Epoch(step.time_s, *before, F, x.copy(), P))
+        if before is not None and self._on_epoch is not None:
+            if self._first:
+                # Nothing that comes after a start tells of what was before it.
+                F[:] = 0.0
+            self._first = False
+            self._on_epoch(Epoch(step.time_s, *before, F, x.copy(), P))
 
     def _noise(self, step: ImuStep) -> Array:
         """Return the process noise (6,) of ``line_filter.predict``."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.track_filter import CoasterTrackFilter, Epoch
+from coaster_localization.track_filter import Epoch
 from track_localization.estimation import line_filter as kernel
 
 Array = NDArray[np.float64]
@@ -47,7 +48,45 @@ def _backward(
     kernel.add_error(x, G @ kernel.difference(x_next, x_before))
 
 
-def smooth(filter_: CoasterTrackFilter) -> tuple[Array, Array, Array]:
-    """Return stamps (N,), states (N, 30) and covariances (N, 18, 18) at the filter's epochs."""
-    x, P = smooth_epochs(filter_.epochs)
-    return np.array([e.time_s for e in filter_.epochs]), x, P
+class FixedLag:
+    """
+    Smoothed epochs a fixed time behind the newest, as live use wants them.
+
+    Work per call is bounded: every ``BATCH`` epochs the window is smoothed once.
+    """
+
+    BATCH = 5
+
+    def __init__(self, lag_s: float) -> None:
+        """Give out epochs that are ``lag_s`` old."""
+        self._lag_s = lag_s
+        self._window: deque[Epoch] = deque()
+        self._since = 0
+
+    def push(self, epoch: Epoch) -> list[tuple[float, Array, Array]]:
+        """Take an epoch; return (stamp, state, covariance) of those that are old enough."""
+        window = self._window
+        if window and epoch.time_s <= window[-1].time_s:
+            window.clear()
+        window.append(epoch)
+        self._since += 1
+        if self._since < self.BATCH or epoch.time_s - window[0].time_s < self._lag_s:
+            return []
+        self._since = 0
+        return self._release(epoch.time_s - self._lag_s)
+
+    def flush(self) -> list[tuple[float, Array, Array]]:
+        """Return what is left at the end of a ride."""
+        return self._release(float('inf'))
+
+    def _release(self, until_s: float) -> list[tuple[float, Array, Array]]:
+        window = self._window
+        if not window:
+            return []
+        x, P = smooth_epochs(window)
+        out = []
+        for k in range(len(x)):
+            if not window or window[0].time_s > until_s:
+                break
+            out.append((window.popleft().time_s, x[k], P[k]))
+        return out
