@@ -42,6 +42,12 @@ class TrackFilterConfig:
     mount_sigma_deg: float = setting(
         5.0, 'deg', "sensor's attitude in the vehicle against mount_rpy_deg", 0.01, 180.0
     )
+    seek_after_s: float = setting(
+        3.0, 's', 'without a rest for so long, the ride is taken to be under way', 0.5, 600.0
+    )
+    lost_after_s: float = setting(
+        0.5, 's', 'lost for so long, the train is looked for on the whole line', 0.0, 60.0
+    )
     # IMU
     accel_noise: float = setting(
         0.03,

@@ -2,8 +2,8 @@
 The track filter: where a coaster train is on its line, live, from one IMU.
 
 The vehicle is on a known line, so its position is one number. See
-``track_localization.estimation.line_filter`` for the method; here is what a coaster adds: the
-start in the station, standstill, a usual speed, gaps and clocks.
+``track_localization.estimation.line_filter`` for the method and ``line_bank`` for the doubtful
+cases; here is what a coaster adds: the start in the station, standstill, gaps and clocks.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.sensed import shortest_turn
 from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
+from coaster_localization.track_start import Hypotheses, at_rest, mount_of, under_way
+from track_localization import GRAVITY
+from track_localization.estimation import line_bank
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.imu import ImuSample
@@ -32,10 +34,16 @@ GAP_S = 0.1
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 LEVEL_INTERVAL_S = 0.5
-STILL_ACCEL = 0.1
-"""A train that stands is not pulled along its line by more than this [m/s^2]."""
-REFERENCE_HZ = 100.0
-"""Rate at which noise per sample is stated."""
+USUAL_REST = (0.015, 0.0015)
+"""Standard deviations of force and rate at rest where no rest was seen yet."""
+MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
+"""How often hypotheses are merged, how light one may be, and how many there may be."""
+SURE = 0.999
+"""One hypothesis of this weight is followed alone."""
+LOST = 0.9
+"""Probability of being lost above which the train is looked for."""
+DOUBT = 0.1
+"""Probability of being lost above which the covariance is opened."""
 
 
 class Epoch(NamedTuple):
@@ -45,7 +53,7 @@ class Epoch(NamedTuple):
     Attributes:
         time_s: stamp [s].
         x_before, P_before: the prediction.
-        F: transition from the epoch before.
+        F: transition from the epoch before; zero at the first one after a start.
         x, P: after all updates.
     """
 
@@ -74,12 +82,29 @@ class TrackState(NamedTuple):
     lost: float = 0.0
 
 
+class Origin(NamedTuple):
+    """
+    What a stretch that was followed to its end began from, once that is known.
+
+    Attributes:
+        time_s: stamp [s].
+        x, P: state and covariance.
+        rest: the rest that standstills are compared with.
+    """
+
+    time_s: float
+    x: Array
+    P: Array
+    rest: Rest | None
+
+
 class CoasterTrackFilter:
     """
     Follow one ride on a line.
 
-    ``push`` takes IMU samples in the order they come and returns a state for each, once the start
-    is known. ``on_epoch`` is called with every comparison with the line: what smoothing needs.
+    ``push`` takes IMU samples in the order they come and returns a state for each, once there is
+    something to start from: a rest, or three seconds without one. ``on_epoch`` is called with
+    every comparison with the line while a single hypothesis is followed: what smoothing needs.
     """
 
     def __init__(
@@ -88,37 +113,95 @@ class CoasterTrackFilter:
         start_m: float,
         config: TrackFilterConfig,
         on_epoch: Callable[[Epoch], None] | None = None,
+        rest: Rest | None = None,
+        origins: tuple[Origin, ...] = (),
     ) -> None:
-        """Prepare to start at chainage ``start_m`` of ``line``."""
+        """
+        Prepare to start at chainage ``start_m`` of ``line``.
+
+        ``rest`` is one seen elsewhere in the recording, for a ride that shows none at its begin.
+        ``origins`` are those of an earlier run over the same recording: nothing is then in doubt.
+        """
         self.line, self.config = line, config
         self._start_m, self._start_sigma = start_m, config.start_sigma_m
-        self._on_epoch = on_epoch
+        self._on_epoch, self._known_rest = on_epoch, rest
+        self._script = origins
         c = config
         self._settings = np.array(
-            [c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m], dtype=float
+            [
+                *(c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m),
+                *(c.speed_noise, c.speed_noise_m, c.zupt_sigma),
+                *(c.vibration_gain, c.gyro_vibration_gain, c.accel_noise),
+            ],
+            dtype=float,
         )
-        self._speed = np.array([c.speed_noise, c.speed_noise_m])
         self._table = (line.rows, line.step_m, line.closed)
+        self._nis = np.zeros(3)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the ride and wait for a start again."""
+        """Forget the ride and wait for a start again; a start that was set is kept."""
         self._rejections = Rejections()
         self._clock = ClockGuard()
+        self.accepted = {'imu': 0}
         self._restart()
 
     def _restart(self) -> None:
         self._monitor = ImuMonitor()
         self._waiting: deque[ImuSample] = deque()
-        self._rest: Rest | None = None
+        self._rest = self._known_rest
         self._running = False
-        self.accepted = {'imu': 0}
-        self.nis = np.zeros(3)
+        self._origin_times = deque(self._script)
+        self.origins: list[Origin] = []
+        self.relocations = 0
+        self.lost = 0.0
 
     @property
     def rejected(self) -> dict[str, dict[str, int]]:
         """Refused measurements: sensor -> reason -> count."""
         return self._rejections.as_dict()
+
+    @property
+    def hypotheses(self) -> int:
+        """How many places are thought possible."""
+        return len(self.X) if self._running else 0
+
+    def set_start(self, chainage_m: float, sigma_m: float) -> None:
+        """Say where the train is now, or, before there was a rest, where it will start [m]."""
+        self._start_m, self._start_sigma = chainage_m, max(sigma_m, 1e-3)
+        if not self._running or not math.isfinite(self._monitor_s):
+            return
+        h = int(np.argmax(self._log_weight))
+        x, P = self.X[h].copy(), self.P[h].copy()
+        R = kernel.attitude_at(*self._table, chainage_m)
+        x[0], x[2:11] = chainage_m, (R @ x[11:20].reshape(3, 3)).ravel()
+        P[0, :], P[:, 0] = 0.0, 0.0
+        P[0, 0] = self._start_sigma**2
+        turned = slice(kernel.TILT, kernel.TILT + 3)
+        P[turned, :], P[:, turned] = 0.0, 0.0
+        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+        P[turned, turned] = R @ mount @ R.T + self.config.attitude_sigma**2 * np.eye(3)
+        self._begin(self._monitor_s, Hypotheses(x[None], P[None], np.zeros(1)))
+
+    def diagnostics(self) -> dict[str, float | str]:
+        """Return figures for a health report."""
+        if not self._running:
+            return {'status': 'waiting for a standstill, or for a ride under way'}
+        h = int(np.argmax(self._log_weight))
+        x, P = self.X[h], self.P[h]
+        status = 'running' if len(self.X) == 1 else 'place in doubt'
+        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+        return {
+            'status': 'lost' if self.lost > 0.5 else status,
+            'lost_probability': self.lost,
+            'hypotheses': float(len(self.X)),
+            'chainage_m': float(x[0]),
+            'chainage_sigma_m': math.sqrt(P[0, 0]),
+            'speed_mps': float(x[1]),
+            'mount_sigma_deg': float(np.rad2deg(math.sqrt(np.trace(mount) / 3.0))),
+            'attitude_nis': float(self._nis.mean()),
+            'relocations': float(self.relocations),
+        }
 
     def push(self, sample: ImuSample) -> list[TrackState]:
         """Take one sample; return the states that it makes possible."""
@@ -133,141 +216,188 @@ class CoasterTrackFilter:
         if verdict not in (None, 'restart'):
             return []
         self.accepted['imu'] += 1
-        return [self._follow(sample)] if self._running else self._wait(sample)
+        if self._origin_times and sample.time_s >= self._origin_times[0].time_s:
+            self._begin_as_before(self._origin_times.popleft())
+        if self._running:
+            return [self._follow(sample)]
+        return [] if self._script else self._wait(sample)
 
     def _wait(self, sample: ImuSample) -> list[TrackState]:
-        """Keep samples until they show a standstill long enough to level by."""
-        waiting = self._waiting
+        """Keep samples until they show a standstill to level by, or a ride under way."""
+        waiting, config = self._waiting, self.config
         waiting.append(sample)
-        if sample.time_s - waiting[0].time_s < self.config.rest_s:
+        latest = [s for s in waiting if s.time_s >= sample.time_s - config.rest_s]
+        if sample.time_s - waiting[0].time_s < config.rest_s:
             return []
-        rest = observe_rest(waiting)
-        if rest is None:
-            while sample.time_s - waiting[0].time_s >= self.config.rest_s:
+        rest = observe_rest(latest)
+        if rest is not None:
+            self._rest = rest
+            while waiting[0].time_s < latest[0].time_s:
                 waiting.popleft()
-            return []
-        self._rest = rest
-        self._begin_at_rest(waiting[0].time_s, rest)
+            start = at_rest(self.line, self._start_m, self._start_sigma, rest, config)
+            self._begin(waiting[0].time_s, start)
+        elif sample.time_s - waiting[0].time_s >= config.seek_after_s:
+            self._begin(waiting[0].time_s, self._met())
         out = []
-        while waiting:
+        while self._running and waiting:
             out.append(self._follow(waiting.popleft()))
         return out
 
-    def _begin_at_rest(self, time_s: float, rest: Rest) -> None:
-        """Take the attitude from the line at the start and the mount's tilt from gravity."""
-        R = kernel.attitude_at(*self._table, self._start_m)
-        M = shortest_turn(rest.force, R[2])
-        x = np.zeros(kernel.NOMINAL)
-        x[0] = self._start_m
-        x[2:11], x[11:20] = (R @ M).ravel(), M.ravel()
-        x[20:23] = rest.rate
-        bias_sigma = math.hypot(3.0 * rest.rate_std / math.sqrt(rest.samples), 1e-4)
-        self._begin(time_s, x, self._start_covariance(R, bias_sigma))
-        kernel.level(self.x, self.P, rest.force, 0.02)
-        self._time_leveled = time_s
+    def _met(self) -> Hypotheses:
+        """Return hypotheses of a ride that is already under way."""
+        config, rest = self.config, self._rest
+        M, bias = np.eye(3), (np.zeros(3), config.gyro_bias_sigma)
+        if rest is not None:
+            M, bias = mount_of(self.line, self._start_m, rest), (rest.rate, 5e-4)
+        free = math.radians(config.mount_sigma_deg)
+        return under_way(self.line, self._start_m, M, bias, free, config)
 
-    def _start_covariance(self, R: Array, gyro_bias_sigma: float) -> Array:
-        """Return P (18, 18) of a train that stands where the line has the attitude ``R``."""
-        c = self.config
-        P = np.zeros((kernel.ERRORS, kernel.ERRORS))
-        P[0, 0], P[1, 1] = self._start_sigma**2, 0.05**2
-        mount, tilt = slice(kernel.MOUNT, kernel.MOUNT + 3), slice(kernel.TILT, kernel.TILT + 3)
-        # The body has the line's attitude: what the mount is off, the sensor is off as well.
-        free = np.deg2rad(c.mount_sigma_deg) ** 2
-        P[mount, mount] = free * np.eye(3)
-        P[tilt, tilt] = (free + c.attitude_sigma**2) * np.eye(3)
-        P[tilt, mount], P[mount, tilt] = free * R, free * R.T
-        P[8:11, 8:11] = gyro_bias_sigma**2 * np.eye(3)
-        P[11:14, 11:14] = c.gyro_scale_sigma**2 * np.eye(3)
-        P[14:17, 14:17] = c.accel_bias_sigma**2 * np.eye(3)
-        P[17, 17] = c.speed_sigma**2
-        return P
-
-    def _begin(self, time_s: float, x: Array, P: Array) -> None:
-        self.x, self.P, self._sums = x, P, np.zeros(kernel.SUMS)
+    def _begin(self, time_s: float, start: Hypotheses) -> None:
+        self.X, self.P = start.X, start.P
+        self._log_weight = start.log_weight
+        self._roots = [
+            Origin(time_s, x.copy(), P.copy(), self._rest)
+            for x, P in zip(self.X, self.P, strict=True)
+        ]
+        count = len(self.X)
+        self._sums, self._driven = np.zeros((count, kernel.SUMS)), np.zeros((count, 1))
+        self._log_lost = math.log(1e-4)
+        self.lost, self._lost_since = 0.0, math.inf
         self._running = self._first = True
-        self._driven = np.zeros(1)
-        self._epoch_s = time_s
-        self._time_leveled = time_s
+        self._epoch_s = self._leveled_s = self._merged_s = self._monitor_s = time_s
+        if count == 1:
+            self.origins.append(self._roots[0])
+
+    def _begin_as_before(self, origin: Origin) -> None:
+        self._rest = origin.rest
+        start = Hypotheses(origin.x.copy()[None], origin.P.copy()[None], np.zeros(1))
+        self._begin(origin.time_s, start)
 
     def _follow(self, sample: ImuSample) -> TrackState:
         step = self._monitor.push(sample)
+        self._monitor_s = step.time_s
         if step.dt > 0.0:
-            kernel.advance(self.x, self._sums, step.f, step.w, step.dt, *self._table)
+            line_bank.advance_all(self.X, self._sums, step.f, step.w, step.dt, *self._table)
         if step.time_s - self._epoch_s >= self.config.epoch_s - 1e-6 or step.dt > GAP_S:
             self._close_epoch(step)
-        return TrackState(step.time_s, self.x.copy(), self.P)
+        if len(self.X) == 1:
+            P = self.P[0] if self.lost < DOUBT else self._opened(self.P[0])
+            return TrackState(step.time_s, self.X[0].copy(), P, self.lost)
+        return self._mixture(step.time_s)
+
+    def _mixture(self, time_s: float) -> TrackState:
+        """Return the heaviest hypothesis, its covariance opened to the others."""
+        weight = np.exp(self._log_weight - np.logaddexp.reduce(self._log_weight))
+        h = int(np.argmax(weight))
+        P = self.P[h].copy()
+        for k in (0, 1):
+            P[k, k] += float(weight @ (self.X[:, k] - self.X[h, k]) ** 2)
+        return TrackState(time_s, self.X[h].copy(), P, self.lost)
+
+    def _opened(self, P: Array) -> Array:
+        """Return ``P`` as it is when the train may be anywhere."""
+        out = P.copy()
+        out[0, 0] += self.lost * self.line.length**2 / 12.0
+        return out
 
     def _close_epoch(self, step: ImuStep) -> None:
-        x, config = self.x, self.config
         T = step.time_s - self._epoch_s
         self._epoch_s = step.time_s
-        P = self.P.copy()
-        force = self._sums[kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / max(T, 1e-6) - x[26:29]
-        F = kernel.predict(x, P, self._sums, self._noise(step), *self._table)
-        still = self._still(step)
-        if still:
-            self._driven[0] = 0.0
-            driven = True
-        else:
-            body = x[11:20].reshape(3, 3) @ force
-            shake = math.sqrt(float(step.shake[0:3].max()))
-            driven = kernel.follow_drive(x, P, F, T, *self._table, self._driven, body, shake)
-        before = (x.copy(), P.copy()) if self._on_epoch is not None else None
-        if still:
-            kernel.hold(x, P, config.zupt_sigma)
-            if step.time_s - self._time_leveled >= LEVEL_INTERVAL_S:
-                self._time_leveled = step.time_s
-                kernel.level(x, P, step.f_mean, 0.02)
-                kernel.still_gyro(x, P, step.w_mean, max(0.3 * step.w_std, 2e-4))
-        else:
-            kernel.match_attitude(x, P, T, *self._table, self._settings, self.nis)
-        if not driven:
-            kernel.match_speed(x, P, T, *self._table, self._speed)
-        self.P = P
-        if before is not None and self._on_epoch is not None:
-            if self._first:
-                # Nothing that comes after a start tells of what was before it.
-                F[:] = 0.0
+        level = step.time_s - self._leveled_s >= LEVEL_INTERVAL_S
+        if level:
+            self._leveled_s = step.time_s
+        mean = np.concatenate([step.f_mean, step.w_mean])
+        shake = np.append(step.shake, step.w_std)
+        about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
+        if len(self.X) == 1:
+            x, P = self.X[0], self.P[0].copy()
+            F, x_before, P_before, likelihood, _ = line_bank.close_epoch(
+                x, P, self._sums[0], self._driven[0], *self._table, *about, self._nis
+            )
+            self.P = P[None]
+            self._log_weight[0] += likelihood
+            if self._on_epoch is not None:
+                if self._first:
+                    # Nothing that comes after a start tells of what was before it.
+                    F[:] = 0.0
+                self._on_epoch(Epoch(step.time_s, x_before, P_before, F, x.copy(), P))
             self._first = False
-            self._on_epoch(Epoch(step.time_s, *before, F, x.copy(), P))
+        else:
+            sigma = 0.7 + math.sqrt(float(step.shake[0:3].max()))
+            line_bank.close_all(
+                *(self.X, self.P, self._sums, self._driven, self._log_weight),
+                *(*self._table, *about, sigma),
+            )
+        self._weigh(step.time_s, T)
+
+    def _weigh(self, time_s: float, T: float) -> None:
+        """Compare the hypotheses with each other and with being lost."""
+        self._log_lost += line_bank.lost_likelihood(T)
+        total = float(np.logaddexp.reduce(np.append(self._log_weight, self._log_lost)))
+        self._log_weight -= total
+        missed = min(math.exp(self._log_lost - total), 0.9999)
+        missed += (1.0 - missed) * line_bank.LOST_RATE * T
+        self._log_lost = math.log(max(missed, 1e-6))
+        if len(self.X) == 1:
+            self._log_weight[0] = math.log1p(-missed)
+            self.lost = missed
+            self._watch(time_s)
+            return
+        if time_s - self._merged_s >= MERGE_INTERVAL_S:
+            self._merged_s = time_s
+            self._keep(line_bank.merge(self.X, self.P, self._log_weight, LEAST_WEIGHT)[:MOST])
+        best = float(np.exp(self._log_weight.max()))
+        self.lost = 1.0 - best
+        if best > SURE:
+            self._keep(np.array([int(np.argmax(self._log_weight))]))
+            self.origins.append(self._roots[0])
+            self._first = True
+        elif missed > LOST and time_s - self._roots[0].time_s > 10.0:
+            self._seek(time_s)
+
+    def _watch(self, time_s: float) -> None:
+        """Look for the train on the whole line when it has been lost for a while."""
+        if self.lost < LOST:
+            self._lost_since = math.inf
+        elif not self._script:
+            self._lost_since = min(self._lost_since, time_s)
+            if time_s - self._lost_since >= self.config.lost_after_s:
+                self._seek(time_s)
+
+    def _seek(self, time_s: float) -> None:
+        h = int(np.argmax(self._log_weight))
+        x, P = self.X[h], self.P[h]
+        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+        sigma = math.sqrt(float(np.trace(mount)) / 3.0 + math.radians(1.0) ** 2)
+        bias = (x[20:23].copy(), 1e-3)
+        M = x[11:20].reshape(3, 3).copy()
+        found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
+        self.relocations += 1
+        self._begin(time_s, found)
+
+    def _keep(self, rows: NDArray[np.int64]) -> None:
+        self.X, self.P = self.X[rows], self.P[rows]
+        self._sums, self._driven = self._sums[rows], self._driven[rows]
+        self._log_weight = self._log_weight[rows]
+        self._roots = [self._roots[k] for k in rows]
 
     def _noise(self, step: ImuStep) -> Array:
-        """Return the process noise (6,) of ``line_filter.predict``."""
+        """Return the process noise (6,) of ``line_filter.predict`` without what shaking adds."""
         c = self.config
-        forward = self.x[11:14]
-        shake = float(forward**2 @ step.shake[0:3])
-        accel = max(c.accel_noise**2, c.vibration_gain**2 * shake) / REFERENCE_HZ
-        rate = c.gyro_vibration_gain**2 * float(step.shake[3:6].mean()) / REFERENCE_HZ
-        rate += c.gyro_noise**2
+        accel, rate = 0.0, c.gyro_noise**2
         if step.dt > GAP_S:
             accel += GAP_ACCEL**2 * step.dt
             rate += GAP_RATE**2 * step.dt
-        return np.array(
-            [
-                accel,
-                rate,
-                c.gyro_bias_walk**2,
-                c.accel_bias_walk**2,
-                c.mount_walk**2,
-                c.speed_sigma,
-            ]
+        walks = (c.gyro_bias_walk**2, c.accel_bias_walk**2, c.mount_walk**2)
+        return np.array([accel, rate, *walks, c.speed_sigma])
+
+    def _quiet(self, step: ImuStep) -> bool:
+        """Whether the sensor shakes as little as in the station, under 1 g."""
+        force_std, rate_std = USUAL_REST
+        if self._rest is not None:
+            force_std, rate_std = self._rest.force_std, self._rest.rate_std
+        return (
+            step.f_std < 1.5 * force_std + 0.005
+            and step.w_std < 1.5 * rate_std + 0.0005
+            and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
         )
-
-    def _still(self, step: ImuStep) -> bool:
-        """
-        Whether the train stands: shaken as little as in the station, not braking, not fast.
-
-        A quiet chain lift looks like standstill to the IMU, and so does a train that comes slowly
-        to rest: the filter's own speed and the force along the line must agree.
-        """
-        rest = self._rest
-        if rest is None:
-            return False
-        if step.f_std > 1.5 * rest.force_std + 0.005 or step.w_std > 1.5 * rest.rate_std + 0.0005:
-            return False
-        if abs(self.x[1]) > 0.3 + 2.0 * math.sqrt(self.P[1, 1]):
-            return False
-        body = self.x[11:20].reshape(3, 3) @ (step.f_mean - self.x[26:29])
-        pull = kernel.acceleration(*self._table, self.x[0], 0.0, *body)
-        return abs(pull) < STILL_ACCEL

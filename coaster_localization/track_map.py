@@ -19,6 +19,8 @@ PLACE_SIGMA_M = 0.7
 """Where brakes and drives take hold differs from the design by this much."""
 DRIVEN_ACCEL, DRIVEN_MPS = 0.03, 8.0
 """A train that keeps its speed within this [m/s^2] below this speed is driven."""
+PASS_M, PASS_MPS = 4.0, 0.3
+"""A train met under way is looked for every so many metres, where it moves [m/s]."""
 CHANGE_M, RENEWED = 2.0, 3.0
 """Half the length of a change of drive; what is left of the old deviation is exp(-RENEWED)."""
 
@@ -31,7 +33,19 @@ def line_map(design: DesignRide, config: TrackFilterConfig) -> LineMap:
         open_ = PLACE_SIGMA_M * np.abs(np.gradient(speed, table.step_m))
         renewal = 1.0 / config.speed_correlation_m + regime_changes(speed, table)
         table.set_speed(speed, open_, renewal)
+    table.passes = passes(design)
     return table
+
+
+def passes(design: DesignRide) -> Array:
+    """Return chainage [m] and its rate [m/s] (K, 2) along the ride, every few metres."""
+    rate = np.gradient(design.chainage, design.time_s)
+    travelled = np.cumsum(np.abs(rate) * np.gradient(design.time_s))
+    moving = np.abs(rate) > PASS_MPS
+    bins = np.where(moving, np.floor(travelled / PASS_M), -1.0)
+    rows = np.unique(bins, return_index=True)[1]
+    rows = rows[moving[rows]]
+    return np.column_stack([design.chainage[rows], rate[rows]])
 
 
 def usual_speed(design: DesignRide, table: LineMap) -> Array:

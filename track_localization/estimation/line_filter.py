@@ -258,7 +258,7 @@ def match_attitude(
     nis: Array,
 ) -> float:
     """
-    Fuse the comparison of the body's attitude with the line's; return the log likelihood.
+    Fuse the comparison of the body's attitude with the line's; return its log likelihood.
 
     ``settings`` (4,): correlation length of the line's errors [m], soft gate, sigma_s above which
     the line is linearised statistically [m], most that it looks ahead [m]. ``nis`` (3,) takes the
@@ -300,15 +300,13 @@ def match_attitude(
     variance = rows[i, _SIGMA] ** 2 * max(1.0, settings[0] / moved)
     noise = np.empty(3)
     likelihood = 0.0
-    share = min(1.0, moved / settings[0])
     for j in range(3):
         noise[j] = variance + spread[j]
         own = np.dot(H[j], P @ H[j]) + noise[j]
         ratio = r[j] * r[j] / own
         nis[j] = ratio
-        # What repeats itself over the correlation length counts once.
-        spot = own - noise[j] + noise[j] * share
-        likelihood -= 0.5 * share * (min(r[j] * r[j] / spot, 40.0) + np.log(spot))
+        spot = own - variance + rows[i, _SIGMA] ** 2
+        likelihood -= 0.5 * (min(r[j] * r[j] / spot, 40.0) + np.log(spot))
         if ratio > settings[1]:
             noise[j] += own * (ratio / settings[1] - 1.0)
     correct(x, P, -r, H, noise)

@@ -35,6 +35,7 @@ class LineMap:
         length: of the line [m].
         closed: whether it is a circuit.
         line: the curve itself.
+        passes: (K, 2) chainage [m] and its rate [m/s] of vehicles that may be met under way.
     """
 
     def __init__(self, line: Centreline, attitude_sigma: float, step_m: float = 0.1) -> None:
@@ -42,6 +43,7 @@ class LineMap:
         count = max(3, int(np.ceil(line.length / step_m)) + 1)
         s = np.linspace(0.0, line.length, count)
         self.line = line
+        self.passes: Array = np.empty((0, 2))
         self.length, self.closed = float(line.length), bool(line.closed)
         self.step_m = float(s[1] - s[0])
         self.position = np.ascontiguousarray(line.position(s))

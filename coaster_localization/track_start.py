@@ -1,0 +1,147 @@
+"""Where a train may be when nobody knows: the hypotheses that the track filter starts from."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.sensed import shortest_turn
+from coaster_localization.start import Rest
+from coaster_localization.track_config import TrackFilterConfig
+from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import so3
+from track_localization.track.line_map import LineMap
+
+Array = NDArray[np.float64]
+
+PLACE_SPACING_M, HEADING_SPACING_DEG = 4.0, 20.0
+"""How far apart hypotheses of a doubtful start and of the mount's heading are."""
+PLACE_ALONE_M, HEADING_ALONE_DEG = 2.0, 30.0
+"""Doubts up to this need one hypothesis only."""
+STANDING_MPS, PACE, MET_MPS = 0.05, 0.1, 0.5
+"""Speed of a standing train; of one met under way, as a share and at least [m/s]."""
+START_SHARE = 0.5
+"""Chance that a ride that shows no rest begins at the start all the same."""
+
+
+class Hypotheses(NamedTuple):
+    """
+    What a line filter may start from.
+
+    Attributes:
+        X: (H, 30) nominal states.
+        P: (H, 18, 18) error covariances.
+        log_weight: (H,).
+    """
+
+    X: Array
+    P: Array
+    log_weight: Array
+
+
+def mount_of(line: LineMap, s: float, rest: Rest) -> Array:
+    """Return the sensor-to-body rotation (3, 3) by the least turn that gravity at rest allows."""
+    R = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+    return shortest_turn(rest.force, R[2])
+
+
+def at_rest(
+    line: LineMap, start_m: float, sigma_m: float, rest: Rest, config: TrackFilterConfig
+) -> Hypotheses:
+    """Return hypotheses of a train that stands near ``start_m``, levelled by ``rest``."""
+    if sigma_m > PLACE_ALONE_M:
+        count = math.ceil(3.0 * sigma_m / PLACE_SPACING_M)
+        offsets = PLACE_SPACING_M * np.arange(-count, count + 1)
+        place_sigma = 0.6 * PLACE_SPACING_M
+    else:
+        offsets, place_sigma = np.zeros(1), sigma_m
+    if config.mount_sigma_deg > HEADING_ALONE_DEG:
+        headings = np.deg2rad(np.arange(-180.0, 180.0, HEADING_SPACING_DEG))
+        free = np.deg2rad(0.6 * HEADING_SPACING_DEG)
+    else:
+        headings, free = np.zeros(1), np.deg2rad(config.mount_sigma_deg)
+    bias_sigma = math.hypot(3.0 * rest.rate_std / math.sqrt(rest.samples), 1e-4)
+    found = []
+    for offset in offsets:
+        s = start_m + float(offset)
+        if not line.closed and not 0.0 <= s <= line.length:
+            continue
+        M0, up = mount_of(line, s, rest), _attitude(line, s)[2]
+        for heading in headings:
+            M = so3.exp(heading * up) @ M0
+            x, P = state(line, s, 0.0, M, rest.rate, config)
+            _set_mount(P, _attitude(line, s), free, config)
+            P[0, 0], P[1, 1] = place_sigma**2, STANDING_MPS**2
+            P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
+            kernel.level(x, P, rest.force, 0.02)
+            weight = -0.5 * (offset / sigma_m) ** 2
+            weight -= 0.5 * (np.rad2deg(heading) / config.mount_sigma_deg) ** 2
+            found.append((x, P, weight))
+    return _stack(found)
+
+
+def under_way(
+    line: LineMap,
+    start_m: float,
+    M: Array,
+    gyro_bias: tuple[Array, float],
+    mount_sigma: float,
+    config: TrackFilterConfig,
+) -> Hypotheses:
+    """
+    Return hypotheses of a train met anywhere on the line, or just leaving the start.
+
+    ``M`` is the mount with its standard deviation [rad], ``gyro_bias`` the bias (3,) and its
+    standard deviation [rad/s].
+    """
+    found = []
+    count = max(len(line.passes), 1)
+    for s, v in [(start_m, 0.0), *line.passes.tolist()]:
+        x, P = state(line, s, v, M, gyro_bias[0], config)
+        _set_mount(P, _attitude(line, s), mount_sigma, config)
+        P[0, 0] = (0.6 * PLACE_SPACING_M) ** 2
+        P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
+        P[8:11, 8:11] = gyro_bias[1] ** 2 * np.eye(3)
+        share = START_SHARE if not found else (1.0 - START_SHARE) / count
+        found.append((x, P, math.log(share)))
+    return _stack(found)
+
+
+def state(
+    line: LineMap, s: float, v: float, M: Array, gyro_bias: Array, config: TrackFilterConfig
+) -> tuple[Array, Array]:
+    """Return state and covariance of a body that has the line's attitude at ``s``."""
+    x, P = np.zeros(kernel.NOMINAL), np.zeros((kernel.ERRORS, kernel.ERRORS))
+    x[0], x[1] = s, v
+    x[2:11], x[11:20] = (_attitude(line, s) @ M).ravel(), M.ravel()
+    x[20:23] = gyro_bias
+    P[0, 0], P[1, 1] = config.start_sigma_m**2, STANDING_MPS**2
+    P[8:11, 8:11] = config.gyro_bias_sigma**2 * np.eye(3)
+    P[11:14, 11:14] = config.gyro_scale_sigma**2 * np.eye(3)
+    P[14:17, 14:17] = config.accel_bias_sigma**2 * np.eye(3)
+    P[17, 17] = config.speed_sigma**2
+    return x, P
+
+
+def _set_mount(P: Array, R: Array, free: float, config: TrackFilterConfig) -> None:
+    """The body has the line's attitude: what the mount is off, the sensor is off as well."""
+    mount, tilt = slice(kernel.MOUNT, kernel.MOUNT + 3), slice(kernel.TILT, kernel.TILT + 3)
+    P[mount, mount] = free**2 * np.eye(3)
+    P[tilt, tilt] = (free**2 + config.attitude_sigma**2) * np.eye(3)
+    P[tilt, mount], P[mount, tilt] = free**2 * R, free**2 * R.T
+
+
+def _attitude(line: LineMap, s: float) -> Array:
+    R: Array = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+    return R
+
+
+def _stack(found: list[tuple[Array, Array, float]]) -> Hypotheses:
+    log_weight = np.array([weight for _, _, weight in found])
+    log_weight -= np.logaddexp.reduce(log_weight)
+    return Hypotheses(
+        np.array([x for x, _, _ in found]), np.array([P for _, P, _ in found]), log_weight
+    )

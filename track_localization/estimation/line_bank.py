@@ -1,0 +1,219 @@
+"""
+Several hypotheses of one vehicle on a line, each a line filter of its own, weighed by likelihood.
+
+One hypothesis is the usual case. Where the start, the mount or the whole position is in doubt
+there are many, and what the sensor shows decides. Beside them stands the chance that none of them
+is right: the probability of being lost.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from track_localization.estimation import line_filter as kernel
+
+Array = NDArray[np.float64]
+
+LOST_SIGMA = 0.15
+"""How far the attitude is off, about each axis, where a hypothesis is wrong [rad]."""
+LOST_RATE = 1e-4
+"""Chance per second that a right hypothesis becomes wrong."""
+INDEPENDENT_S = 0.3
+"""Comparisons with the line closer than this tell the same."""
+STILL_ACCEL = 0.1
+"""A vehicle that stands is not pulled along its line by more than this [m/s^2]."""
+
+
+@numba.njit(cache=True)
+def advance_all(
+    X: Array, sums: Array, f: Array, w: Array, dt: float, rows: Array, step: float, closed: bool
+) -> None:
+    """Move every hypothesis by one IMU step; see ``line_filter.advance``."""
+    for h in range(len(X)):
+        kernel.advance(X[h], sums[h], f, w, dt, rows, step, closed)
+
+
+@numba.njit(cache=True)
+def close_epoch(
+    x: Array,
+    P: Array,
+    sums: Array,
+    driven: Array,
+    rows: Array,
+    step: float,
+    closed: bool,
+    settings: Array,
+    noise: Array,
+    mean: Array,
+    shake: Array,
+    quiet: bool,
+    level_due: bool,
+    nis: Array,
+) -> tuple[Array, Array, Array, float, bool]:
+    """
+    Predict, compare with the line, and fuse what else is known, for one hypothesis.
+
+    Args:
+        settings: (10,) of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
+            multiples of the force's and rate's shake, least white acceleration per sample at
+            100 Hz [m/s^2].
+        noise: (6,) of ``predict``; what the shake adds is added here.
+        mean: (6,) running means of force and rate.
+        shake: (7,) variances above 4 Hz of force and rate, standard deviation of the rate.
+        quiet: the sensor shakes no more than at rest.
+        level_due: a standstill may be levelled by.
+
+    Return F, the prediction (x, P), the log likelihood, and whether it stands.
+    """
+    T = max(sums[kernel.SUM_TIME], 1e-6)
+    M = x[11:20].copy().reshape((3, 3))
+    force = M @ (sums[kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / T - x[26:29])
+    own = noise.copy()
+    along = M[0, 0] ** 2 * shake[0] + M[0, 1] ** 2 * shake[1] + M[0, 2] ** 2 * shake[2]
+    own[0] += max(settings[9] ** 2, settings[7] ** 2 * along) / 100.0
+    own[1] += settings[8] ** 2 * (shake[3] + shake[4] + shake[5]) / 300.0
+    F = kernel.predict(x, P, sums, own, rows, step, closed)
+    still = False
+    if quiet and abs(x[1]) < 0.3 + 2.0 * np.sqrt(P[1, 1]):
+        b = M @ (mean[0:3] - x[26:29])
+        pull = kernel.acceleration(rows, step, closed, x[0], 0.0, b[0], b[1], b[2])
+        still = abs(pull) < STILL_ACCEL
+    follows = still
+    if still:
+        driven[0] = 0.0
+    else:
+        strongest = np.sqrt(max(shake[0], shake[1], shake[2]))
+        follows = kernel.follow_drive(x, P, F, T, rows, step, closed, driven, force, strongest)
+    x_before, P_before = x.copy(), P.copy()
+    if still:
+        likelihood = kernel.match_attitude(
+            x.copy(), P.copy(), T, rows, step, closed, settings[0:4], nis
+        )
+        kernel.hold(x, P, settings[6])
+        if level_due:
+            kernel.level(x, P, mean[0:3], 0.02)
+            kernel.still_gyro(x, P, mean[3:6], max(0.3 * shake[6], 2e-4))
+    else:
+        likelihood = kernel.match_attitude(x, P, T, rows, step, closed, settings[0:4], nis)
+    likelihood *= min(1.0, T / INDEPENDENT_S)
+    if not follows:
+        kernel.match_speed(x, P, T, rows, step, closed, settings[4:6])
+    return F, x_before, P_before, likelihood, still
+
+
+@numba.njit(cache=True)
+def close_all(
+    X: Array,
+    P: Array,
+    sums: Array,
+    driven: Array,
+    log_weight: Array,
+    rows: Array,
+    step: float,
+    closed: bool,
+    settings: Array,
+    noise: Array,
+    mean: Array,
+    shake: Array,
+    quiet: bool,
+    level_due: bool,
+    force_sigma: float,
+) -> None:
+    """
+    Close the epoch of every hypothesis and weigh it: by attitude, and by the force across.
+
+    ``log_weight`` (H,) is changed in place. ``force_sigma`` [m/s^2] is the noise of an epoch's
+    mean force; see ``close_epoch`` for the rest.
+    """
+    nis = np.zeros(3)
+    for h in range(len(X)):
+        x = X[h]
+        T = max(sums[h, kernel.SUM_TIME], 1e-6)
+        f = sums[h, kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / T - x[26:29]
+        f = x[11:20].copy().reshape((3, 3)) @ f
+        _, _, _, likelihood, _ = close_epoch(
+            x,
+            P[h],
+            sums[h],
+            driven[h],
+            rows,
+            step,
+            closed,
+            settings,
+            noise,
+            mean,
+            shake,
+            quiet,
+            level_due,
+            nis,
+        )
+        log_weight[h] += likelihood
+        log_weight[h] += force_likelihood(x, P[h], f, T, force_sigma, rows, step, closed)
+
+
+@numba.njit(cache=True)
+def force_likelihood(
+    x: Array, P: Array, f: Array, T: float, sigma: float, rows: Array, step: float, closed: bool
+) -> float:
+    """
+    Return the log likelihood of the specific force (3,) in body axes, across the line.
+
+    It weighs hypotheses and moves none: its errors (sway, map) last too long to fuse.
+    """
+    i, _ = kernel.row_of(rows, step, closed, x[0])
+    row = rows[i]
+    turn, t = row[9:12], row[12:15]
+    v = x[1] * row[15]
+    # Centripetal force of a body that turns with its path, and gravity in its axes.
+    across = np.empty(2)
+    across[0] = (turn[2] * t[0] - turn[0] * t[2]) * v * x[1] + row[7] * 9.80665
+    across[1] = (turn[0] * t[1] - turn[1] * t[0]) * v * x[1] + row[8] * 9.80665
+    bend = np.array([abs(turn[2]) + abs(turn[0]), abs(turn[1]) + abs(turn[0])])
+    j, _ = kernel.row_of(rows, step, closed, x[0] + 2.0)
+    out = 0.0
+    for k in range(2):
+        ahead = abs(rows[j, 7 + k] - row[7 + k]) * 4.9 * np.sqrt(P[0, 0])
+        spread = (2.0 * bend[k] * v) ** 2 * P[1, 1] + ahead * ahead + sigma * sigma
+        miss = f[1 + k] - across[k]
+        out -= 0.5 * (min(miss * miss / spread, 40.0) + np.log(spread))
+    return out * min(1.0, T / INDEPENDENT_S)
+
+
+@numba.njit(cache=True)
+def lost_likelihood(T: float) -> float:
+    """Return the log likelihood of a comparison with the line where no hypothesis is right."""
+    return -1.5 * (1.0 + np.log(LOST_SIGMA**2)) * min(1.0, T / INDEPENDENT_S)
+
+
+def merge(X: Array, P: Array, log_weight: Array, least: float) -> NDArray[np.int64]:
+    """
+    Return the indices of the hypotheses worth keeping, the heaviest first.
+
+    One that is where a heavier one is adds its weight to it; one lighter than ``least`` times the
+    heaviest goes. ``log_weight`` is changed in place.
+    """
+    order = np.argsort(-log_weight)
+    sigma = np.sqrt(np.maximum(P[:, 0, 0], 1e-6))
+    kept: list[int] = []
+    limit = log_weight[order[0]] + np.log(least)
+    for h in order:
+        if log_weight[h] < limit:
+            break
+        twin = -1
+        for k in kept:
+            near = abs(X[h, 0] - X[k, 0]) < 0.5 * (sigma[h] + sigma[k])
+            if near and abs(X[h, 1] - X[k, 1]) < 1.0 and _same_mount(X[h], X[k]):
+                twin = k
+                break
+        if twin < 0:
+            kept.append(int(h))
+        else:
+            log_weight[twin] = np.logaddexp(log_weight[twin], log_weight[h])
+    return np.array(kept)
+
+
+def _same_mount(x: Array, y: Array) -> bool:
+    cosine = 0.5 * (float(x[11:20] @ y[11:20]) - 1.0)
+    return cosine > np.cos(np.deg2rad(5.0))
