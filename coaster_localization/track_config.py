@@ -42,6 +42,9 @@ class TrackFilterConfig:
     mount_sigma_deg: float = setting(
         5.0, 'deg', "sensor's attitude in the vehicle against mount_rpy_deg", 0.01, 180.0
     )
+    mount_known: bool = setting(
+        False, '', 'the sensor is turned no further about the vertical than mount_sigma_deg'
+    )
     seek_after_s: float = setting(
         3.0, 's', 'without a rest for so long, the ride is taken to be under way', 0.5, 600.0
     )

@@ -34,6 +34,10 @@ GAP_S = 0.1
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 LEVEL_INTERVAL_S = 0.5
+LOOK_INTERVAL_S = 0.25
+"""How often a waiting filter looks for a rest, or its end."""
+REST_STD = (0.06, 0.006)
+"""A rest before the ride is no noisier in force [m/s^2] and rate [rad/s]: a rolling train is."""
 USUAL_REST = (0.015, 0.0015)
 """Standard deviations of force and rate at rest where no rest was seen yet."""
 MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
@@ -150,6 +154,8 @@ class CoasterTrackFilter:
         self._monitor = ImuMonitor()
         self._waiting: deque[ImuSample] = deque()
         self._rest = self._known_rest
+        self._standing: TrackState | None = None
+        self._look_s = -math.inf
         self._running = False
         self._origin_times = deque(self._script)
         self.origins: list[Origin] = []
@@ -186,7 +192,8 @@ class CoasterTrackFilter:
     def diagnostics(self) -> dict[str, float | str]:
         """Return figures for a health report."""
         if not self._running:
-            return {'status': 'waiting for a standstill, or for a ride under way'}
+            standing = self._standing is not None
+            return {'status': 'standing' if standing else 'waiting for a rest, or a ride under way'}
         h = int(np.argmax(self._log_weight))
         x, P = self.X[h], self.P[h]
         status = 'running' if len(self.X) == 1 else 'place in doubt'
@@ -223,25 +230,40 @@ class CoasterTrackFilter:
         return [] if self._script else self._wait(sample)
 
     def _wait(self, sample: ImuSample) -> list[TrackState]:
-        """Keep samples until they show a standstill to level by, or a ride under way."""
+        """
+        Stand until the sensor moves; where it never stood, take the ride to be under way.
+
+        Nothing is decided while the train stands: what it stands like is the last second before
+        it leaves.
+        """
         waiting, config = self._waiting, self.config
         waiting.append(sample)
+        span = sample.time_s - waiting[0].time_s
+        if span < config.rest_s or sample.time_s < self._look_s:
+            return [self._standing._replace(time_s=sample.time_s)] if self._standing else []
+        self._look_s = sample.time_s + LOOK_INTERVAL_S
         latest = [s for s in waiting if s.time_s >= sample.time_s - config.rest_s]
-        if sample.time_s - waiting[0].time_s < config.rest_s:
-            return []
         rest = observe_rest(latest)
-        if rest is not None:
+        if rest is not None and rest.force_std < REST_STD[0] and rest.rate_std < REST_STD[1]:
             self._rest = rest
             while waiting[0].time_s < latest[0].time_s:
                 waiting.popleft()
             start = at_rest(self.line, self._start_m, self._start_sigma, rest, config)
+            best = int(np.argmax(start.log_weight))
+            lost = 1.0 - float(np.exp(start.log_weight[best]))
+            self._standing = TrackState(sample.time_s, start.X[best], start.P[best], lost)
+            return [self._standing]
+        if self._standing is not None and self._rest is not None:
+            start = at_rest(self.line, self._start_m, self._start_sigma, self._rest, config)
             self._begin(waiting[0].time_s, start)
-        elif sample.time_s - waiting[0].time_s >= config.seek_after_s:
+        elif span >= config.seek_after_s:
             self._begin(waiting[0].time_s, self._met())
-        out = []
-        while self._running and waiting:
-            out.append(self._follow(waiting.popleft()))
-        return out
+        else:
+            return []
+        standing, self._standing = self._standing, None
+        states = [self._follow(earlier) for earlier in waiting]
+        waiting.clear()
+        return states[-1:] if standing is not None else states
 
     def _met(self) -> Hypotheses:
         """Return hypotheses of a ride that is already under way."""

@@ -19,8 +19,10 @@ Array = NDArray[np.float64]
 
 PLACE_SPACING_M, HEADING_SPACING_DEG = 4.0, 20.0
 """How far apart hypotheses of a doubtful start and of the mount's heading are."""
-PLACE_ALONE_M, HEADING_ALONE_DEG = 2.0, 30.0
-"""Doubts up to this need one hypothesis only."""
+PLACE_ALONE_M = 2.0
+"""A doubt up to this needs one hypothesis only."""
+TURNED_SHARE = 0.1
+"""How likely a sensor is turned about the vertical, against one that sits as it was said to."""
 STANDING_MPS, PACE, MET_MPS = 0.05, 0.1, 0.5
 """Speed of a standing train; of one met under way, as a share and at least [m/s]."""
 START_SHARE = 0.5
@@ -58,11 +60,9 @@ def at_rest(
         place_sigma = 0.6 * PLACE_SPACING_M
     else:
         offsets, place_sigma = np.zeros(1), sigma_m
-    if config.mount_sigma_deg > HEADING_ALONE_DEG:
-        headings = np.deg2rad(np.arange(-180.0, 180.0, HEADING_SPACING_DEG))
-        free = np.deg2rad(0.6 * HEADING_SPACING_DEG)
-    else:
-        headings, free = np.zeros(1), np.deg2rad(config.mount_sigma_deg)
+    headings = np.zeros(1)
+    if not config.mount_known:
+        headings = np.deg2rad(np.arange(0.0, 360.0, HEADING_SPACING_DEG))
     bias_sigma = math.hypot(3.0 * rest.rate_std / math.sqrt(rest.samples), 1e-4)
     found = []
     for offset in offsets:
@@ -73,12 +73,13 @@ def at_rest(
         for heading in headings:
             M = so3.exp(heading * up) @ M0
             x, P = state(line, s, 0.0, M, rest.rate, config)
-            _set_mount(P, _attitude(line, s), free, config)
+            free = config.mount_sigma_deg if heading == 0.0 else 0.6 * HEADING_SPACING_DEG
+            _set_mount(P, _attitude(line, s), math.radians(free), config)
             P[0, 0], P[1, 1] = place_sigma**2, STANDING_MPS**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
             kernel.level(x, P, rest.force, 0.02)
             weight = -0.5 * (offset / sigma_m) ** 2
-            weight -= 0.5 * (np.rad2deg(heading) / config.mount_sigma_deg) ** 2
+            weight += 0.0 if heading == 0.0 else math.log(TURNED_SHARE / len(headings))
             found.append((x, P, weight))
     return _stack(found)
 
