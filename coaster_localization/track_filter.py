@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
-from coaster_localization.track_start import Hypotheses, at_rest, mount_of, under_way
+from coaster_localization.track_start import Hypotheses, at_rest, is_firm, mount_of, under_way
 from track_localization import GRAVITY
 from track_localization.estimation import line_bank
 from track_localization.estimation import line_filter as kernel
@@ -36,8 +36,8 @@ GAP_ACCEL, GAP_RATE = 15.0, 1.5
 LEVEL_INTERVAL_S = 0.5
 LOOK_INTERVAL_S = 0.25
 """How often a waiting filter looks for a rest, or its end."""
-REST_STD = (0.06, 0.006)
-"""A rest before the ride is no noisier in force [m/s^2] and rate [rad/s]: a rolling train is."""
+DOUBTED_MOUNT, DOUBTED_BIAS = math.radians(3.0), 2e-3
+"""How far mount [rad] and gyro bias [rad/s] may be off when the train was lost."""
 USUAL_REST = (0.015, 0.0015)
 """Standard deviations of force and rate at rest where no rest was seen yet."""
 MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
@@ -88,7 +88,7 @@ class TrackState(NamedTuple):
 
 class Origin(NamedTuple):
     """
-    What a stretch that was followed to its end began from, once that is known.
+    What a hypothesis began from.
 
     Attributes:
         time_s: stamp [s].
@@ -100,6 +100,13 @@ class Origin(NamedTuple):
     x: Array
     P: Array
     rest: Rest | None
+
+
+class Doubt(NamedTuple):
+    """A stretch with several hypotheses: what the right one began from, and when it was known."""
+
+    origin: Origin
+    until_s: float
 
 
 class CoasterTrackFilter:
@@ -118,18 +125,18 @@ class CoasterTrackFilter:
         config: TrackFilterConfig,
         on_epoch: Callable[[Epoch], None] | None = None,
         rest: Rest | None = None,
-        origins: tuple[Origin, ...] = (),
+        origin: Origin | None = None,
     ) -> None:
         """
         Prepare to start at chainage ``start_m`` of ``line``.
 
         ``rest`` is one seen elsewhere in the recording, for a ride that shows none at its begin.
-        ``origins`` are those of an earlier run over the same recording: nothing is then in doubt.
+        ``origin`` is that of an earlier run over the same recording: nothing is then in doubt.
         """
         self.line, self.config = line, config
         self._start_m, self._start_sigma = start_m, config.start_sigma_m
         self._on_epoch, self._known_rest = on_epoch, rest
-        self._script = origins
+        self._origin = origin
         c = config
         self._settings = np.array(
             [
@@ -155,10 +162,10 @@ class CoasterTrackFilter:
         self._waiting: deque[ImuSample] = deque()
         self._rest = self._known_rest
         self._standing: TrackState | None = None
+        self._seen: Rest | None = None
         self._look_s = -math.inf
         self._running = False
-        self._origin_times = deque(self._script)
-        self.origins: list[Origin] = []
+        self.doubts: list[Doubt] = []
         self.relocations = 0
         self.lost = 0.0
 
@@ -223,11 +230,12 @@ class CoasterTrackFilter:
         if verdict not in (None, 'restart'):
             return []
         self.accepted['imu'] += 1
-        if self._origin_times and sample.time_s >= self._origin_times[0].time_s:
-            self._begin_as_before(self._origin_times.popleft())
-        if self._running:
-            return [self._follow(sample)]
-        return [] if self._script else self._wait(sample)
+        if not self._running and self._origin is not None:
+            if sample.time_s < self._origin.time_s:
+                self._monitor.push(sample)
+                return []
+            self._begin_as_before(self._origin)
+        return [self._follow(sample)] if self._running else self._wait(sample)
 
     def _wait(self, sample: ImuSample) -> list[TrackState]:
         """
@@ -244,8 +252,8 @@ class CoasterTrackFilter:
         self._look_s = sample.time_s + LOOK_INTERVAL_S
         latest = [s for s in waiting if s.time_s >= sample.time_s - config.rest_s]
         rest = observe_rest(latest)
-        if rest is not None and rest.force_std < REST_STD[0] and rest.rate_std < REST_STD[1]:
-            self._rest = rest
+        if rest is not None:
+            self._seen = rest
             while waiting[0].time_s < latest[0].time_s:
                 waiting.popleft()
             start = at_rest(self.line, self._start_m, self._start_sigma, rest, config)
@@ -253,9 +261,8 @@ class CoasterTrackFilter:
             lost = 1.0 - float(np.exp(start.log_weight[best]))
             self._standing = TrackState(sample.time_s, start.X[best], start.P[best], lost)
             return [self._standing]
-        if self._standing is not None and self._rest is not None:
-            start = at_rest(self.line, self._start_m, self._start_sigma, self._rest, config)
-            self._begin(waiting[0].time_s, start)
+        if self._standing is not None and self._seen is not None:
+            self._begin(waiting[0].time_s, self._leaving(self._seen))
         elif span >= config.seek_after_s:
             self._begin(waiting[0].time_s, self._met())
         else:
@@ -264,6 +271,15 @@ class CoasterTrackFilter:
         states = [self._follow(earlier) for earlier in waiting]
         waiting.clear()
         return states[-1:] if standing is not None else states
+
+    def _leaving(self, seen: Rest) -> Hypotheses:
+        """Return hypotheses of a train that has stood as ``seen`` and begins to move."""
+        place = (self.line, self._start_m, self._start_sigma)
+        if is_firm(seen) or self._known_rest is None:
+            # Standstills are compared with this rest, if it was one for certain.
+            self._rest = seen if is_firm(seen) else None
+            return at_rest(*place, seen, self.config)
+        return at_rest(*place, self._known_rest, self.config, leaves=True)
 
     def _met(self) -> Hypotheses:
         """Return hypotheses of a ride that is already under way."""
@@ -287,8 +303,6 @@ class CoasterTrackFilter:
         self.lost, self._lost_since = 0.0, math.inf
         self._running = self._first = True
         self._epoch_s = self._leveled_s = self._merged_s = self._monitor_s = time_s
-        if count == 1:
-            self.origins.append(self._roots[0])
 
     def _begin_as_before(self, origin: Origin) -> None:
         self._rest = origin.rest
@@ -330,6 +344,9 @@ class CoasterTrackFilter:
             self._leveled_s = step.time_s
         mean = np.concatenate([step.f_mean, step.w_mean])
         shake = np.append(step.shake, step.w_std)
+        weight = np.exp(self._log_weight - np.logaddexp.reduce(self._log_weight))
+        speed = float(weight @ np.abs(self.X[:, 1]))
+        share = line_bank.news(T, speed, self.config.attitude_correlation_m)
         about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()
@@ -337,7 +354,7 @@ class CoasterTrackFilter:
                 x, P, self._sums[0], self._driven[0], *self._table, *about, self._nis
             )
             self.P = P[None]
-            self._log_weight[0] += likelihood
+            self._log_weight[0] += share * likelihood
             if self._on_epoch is not None:
                 if self._first:
                     # Nothing that comes after a start tells of what was before it.
@@ -348,13 +365,13 @@ class CoasterTrackFilter:
             sigma = 0.7 + math.sqrt(float(step.shake[0:3].max()))
             line_bank.close_all(
                 *(self.X, self.P, self._sums, self._driven, self._log_weight),
-                *(*self._table, *about, sigma),
+                *(*self._table, *about, sigma, share),
             )
-        self._weigh(step.time_s, T)
+        self._weigh(step.time_s, T, share)
 
-    def _weigh(self, time_s: float, T: float) -> None:
+    def _weigh(self, time_s: float, T: float, share: float) -> None:
         """Compare the hypotheses with each other and with being lost."""
-        self._log_lost += line_bank.lost_likelihood(T)
+        self._log_lost += share * line_bank.LOST_LIKELIHOOD
         total = float(np.logaddexp.reduce(np.append(self._log_weight, self._log_lost)))
         self._log_weight -= total
         missed = min(math.exp(self._log_lost - total), 0.9999)
@@ -372,7 +389,7 @@ class CoasterTrackFilter:
         self.lost = 1.0 - best
         if best > SURE:
             self._keep(np.array([int(np.argmax(self._log_weight))]))
-            self.origins.append(self._roots[0])
+            self.doubts.append(Doubt(self._roots[0], time_s))
             self._first = True
         elif missed > LOST and time_s - self._roots[0].time_s > 10.0:
             self._seek(time_s)
@@ -381,7 +398,7 @@ class CoasterTrackFilter:
         """Look for the train on the whole line when it has been lost for a while."""
         if self.lost < LOST:
             self._lost_since = math.inf
-        elif not self._script:
+        elif self._origin is None:
             self._lost_since = min(self._lost_since, time_s)
             if time_s - self._lost_since >= self.config.lost_after_s:
                 self._seek(time_s)
@@ -390,8 +407,8 @@ class CoasterTrackFilter:
         h = int(np.argmax(self._log_weight))
         x, P = self.X[h], self.P[h]
         mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
-        sigma = math.sqrt(float(np.trace(mount)) / 3.0 + math.radians(1.0) ** 2)
-        bias = (x[20:23].copy(), 1e-3)
+        sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)
+        bias = (x[20:23].copy(), DOUBTED_BIAS)
         M = x[11:20].reshape(3, 3).copy()
         found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
         self.relocations += 1

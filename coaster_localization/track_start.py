@@ -25,6 +25,13 @@ TURNED_SHARE = 0.1
 """How likely a sensor is turned about the vertical, against one that sits as it was said to."""
 STANDING_MPS, PACE, MET_MPS = 0.05, 0.1, 0.5
 """Speed of a standing train; of one met under way, as a share and at least [m/s]."""
+FIRM_REST = (0.03, 0.003)
+"""Shaken less than this, in force [m/s^2] and rate [rad/s], the train stands for certain."""
+LEVEL_MPS2, LOOSE_REST = 0.02, (0.5, 1.0, 2e-3)
+"""Force [m/s^2] besides gravity at a firm rest. Otherwise people move in the train, or it leaves
+already: the same, its speed [m/s], and what the gyro shows besides its bias [rad/s]."""
+DRIFT = 1.5e-3
+"""How far the gyro's bias may drift between the rests before and after a ride [rad/s]."""
 START_SHARE = 0.5
 """Chance that a ride that shows no rest begins at the start all the same."""
 
@@ -50,10 +57,24 @@ def mount_of(line: LineMap, s: float, rest: Rest) -> Array:
     return shortest_turn(rest.force, R[2])
 
 
+def is_firm(rest: Rest) -> bool:
+    """Whether the train stands for certain in ``rest``, nobody moving in it."""
+    return rest.force_std < FIRM_REST[0] and rest.rate_std < FIRM_REST[1]
+
+
 def at_rest(
-    line: LineMap, start_m: float, sigma_m: float, rest: Rest, config: TrackFilterConfig
+    line: LineMap,
+    start_m: float,
+    sigma_m: float,
+    rest: Rest,
+    config: TrackFilterConfig,
+    leaves: bool = False,
 ) -> Hypotheses:
-    """Return hypotheses of a train that stands near ``start_m``, levelled by ``rest``."""
+    """
+    Return hypotheses of a train that stands near ``start_m``, levelled by ``rest``.
+
+    ``leaves``: the rest is another one, the train leaves the start already.
+    """
     if sigma_m > PLACE_ALONE_M:
         count = math.ceil(3.0 * sigma_m / PLACE_SPACING_M)
         offsets = PLACE_SPACING_M * np.arange(-count, count + 1)
@@ -64,6 +85,13 @@ def at_rest(
     if not config.mount_known:
         headings = np.deg2rad(np.arange(0.0, 360.0, HEADING_SPACING_DEG))
     bias_sigma = math.hypot(3.0 * rest.rate_std / math.sqrt(rest.samples), 1e-4)
+    level_sigma, speed_sigma = LEVEL_MPS2, STANDING_MPS
+    if leaves:
+        speed_sigma, bias_sigma = LOOSE_REST[1], DRIFT
+    elif not is_firm(rest):
+        level_sigma, speed_sigma, bias_sigma = LOOSE_REST
+    if speed_sigma > STANDING_MPS:
+        place_sigma = math.hypot(place_sigma, speed_sigma)
     found = []
     for offset in offsets:
         s = start_m + float(offset)
@@ -75,9 +103,9 @@ def at_rest(
             x, P = state(line, s, 0.0, M, rest.rate, config)
             free = config.mount_sigma_deg if heading == 0.0 else 0.6 * HEADING_SPACING_DEG
             _set_mount(P, _attitude(line, s), math.radians(free), config)
-            P[0, 0], P[1, 1] = place_sigma**2, STANDING_MPS**2
+            P[0, 0], P[1, 1] = place_sigma**2, speed_sigma**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
-            kernel.level(x, P, rest.force, 0.02)
+            kernel.level(x, P, rest.force, level_sigma)
             weight = -0.5 * (offset / sigma_m) ** 2
             weight += 0.0 if heading == 0.0 else math.log(TURNED_SHARE / len(headings))
             found.append((x, P, weight))

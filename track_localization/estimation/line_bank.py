@@ -97,7 +97,6 @@ def close_epoch(
             kernel.still_gyro(x, P, mean[3:6], max(0.3 * shake[6], 2e-4))
     else:
         likelihood = kernel.match_attitude(x, P, T, rows, step, closed, settings[0:4], nis)
-    likelihood *= min(1.0, T / INDEPENDENT_S)
     if not follows:
         kernel.match_speed(x, P, T, rows, step, closed, settings[4:6])
     return F, x_before, P_before, likelihood, still
@@ -120,12 +119,13 @@ def close_all(
     quiet: bool,
     level_due: bool,
     force_sigma: float,
+    share: float,
 ) -> None:
     """
     Close the epoch of every hypothesis and weigh it: by attitude, and by the force across.
 
     ``log_weight`` (H,) is changed in place. ``force_sigma`` [m/s^2] is the noise of an epoch's
-    mean force; see ``close_epoch`` for the rest.
+    mean force, ``share`` how much of the epoch is news; see ``close_epoch`` for the rest.
     """
     nis = np.zeros(3)
     for h in range(len(X)):
@@ -149,13 +149,13 @@ def close_all(
             level_due,
             nis,
         )
-        log_weight[h] += likelihood
-        log_weight[h] += force_likelihood(x, P[h], f, T, force_sigma, rows, step, closed)
+        likelihood += force_likelihood(x, P[h], f, force_sigma, rows, step, closed)
+        log_weight[h] += share * likelihood
 
 
 @numba.njit(cache=True)
 def force_likelihood(
-    x: Array, P: Array, f: Array, T: float, sigma: float, rows: Array, step: float, closed: bool
+    x: Array, P: Array, f: Array, sigma: float, rows: Array, step: float, closed: bool
 ) -> float:
     """
     Return the log likelihood of the specific force (3,) in body axes, across the line.
@@ -178,13 +178,20 @@ def force_likelihood(
         spread = (2.0 * bend[k] * v) ** 2 * P[1, 1] + ahead * ahead + sigma * sigma
         miss = f[1 + k] - across[k]
         out -= 0.5 * (min(miss * miss / spread, 40.0) + np.log(spread))
-    return out * min(1.0, T / INDEPENDENT_S)
+    return out
 
 
-@numba.njit(cache=True)
-def lost_likelihood(T: float) -> float:
-    """Return the log likelihood of a comparison with the line where no hypothesis is right."""
-    return -1.5 * (1.0 + np.log(LOST_SIGMA**2)) * min(1.0, T / INDEPENDENT_S)
+LOST_LIKELIHOOD = -1.5 * (1.0 + float(np.log(LOST_SIGMA**2)))
+"""Log likelihood of a comparison with the line where no hypothesis is right."""
+
+
+def news(T: float, speed: float, correlation_m: float) -> float:
+    """
+    Return how much of a comparison with the line is news, between 0 and 1.
+
+    After ``T`` [s] at ``speed`` [m/s], where the line's errors persist over ``correlation_m``.
+    """
+    return min(1.0, T / INDEPENDENT_S, abs(speed) * T / max(correlation_m, 1e-3))
 
 
 def merge(X: Array, P: Array, log_weight: Array, least: float) -> NDArray[np.int64]:
