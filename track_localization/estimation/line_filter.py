@@ -36,6 +36,8 @@ _SPEED, _SPEED_SIGMA, _SIGMA, _RENEWAL = 18, 19, 20, 21
 SQRT3 = np.sqrt(3.0)
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
+ROLLBACK = -0.5
+"""A vehicle slower than this rolls back [m/s]: no pace is to be had from it."""
 DRIVEN_PACE = 0.005
 """What is then left of the pace's uncertainty beside the speed's own."""
 
@@ -247,6 +249,18 @@ def residual(x: Array, s: float, rows: Array, step: float, closed: bool) -> Arra
 
 
 @numba.njit(cache=True)
+def log_slope(r: Array) -> Array:
+    """Return how log(exp(d) exp(r)) grows with d (3, 3), to the first order in ``r`` (3,)."""
+    return np.array(
+        [
+            [1.0, 0.5 * r[2], -0.5 * r[1]],
+            [-0.5 * r[2], 1.0, 0.5 * r[0]],
+            [0.5 * r[1], -0.5 * r[0], 1.0],
+        ]
+    )
+
+
+@numba.njit(cache=True)
 def match_attitude(
     x: Array,
     P: Array,
@@ -268,7 +282,7 @@ def match_attitude(
     i, _ = row_of(rows, step, closed, s)
     sigma = np.sqrt(P[0, 0])
     r = residual(x, s, rows, step, closed)
-    slope = -rows[i, _TURNING : _TURNING + 3]
+    slope = -(log_slope(r) @ rows[i, _TURNING : _TURNING + 3])
     spread = np.zeros(3)
     if sigma > settings[2]:
         # Three points carry the line's bends into the innovation (a statistical linearisation).
@@ -285,13 +299,7 @@ def match_attitude(
         r = mean
     H = np.zeros((3, ERRORS))
     R = np.ascontiguousarray(attitude_at(rows, step, closed, s).T)
-    half = np.array(
-        [
-            [1.0, 0.5 * r[2], -0.5 * r[1]],
-            [-0.5 * r[2], 1.0, 0.5 * r[0]],
-            [0.5 * r[1], -0.5 * r[0], 1.0],
-        ]
-    )
+    half = log_slope(r)
     H[:, TILT : TILT + 3] = half @ R
     H[:, MOUNT : MOUNT + 3] = -np.ascontiguousarray(half.T)
     for j in range(3):
@@ -344,10 +352,10 @@ def follow_drive(
 
     Part of the prediction: ``F`` is changed with ``P``. ``driven`` (1,) averages the unusual
     acceleration, from the specific ``force`` (3,) in body axes, whose noise is ``shake`` [m/s^2].
-    Return whether it is so.
+    Return whether it is so; never where the vehicle rolls back.
     """
     usual, slope, _ = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
-    if not (usual > 1.0 and np.isfinite(slope)):
+    if not (usual > 1.0 and x[1] > ROLLBACK and np.isfinite(slope)):
         driven[0] = 0.0
         return False
     a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
@@ -370,18 +378,20 @@ def match_speed(
     """
     Fuse the usual speed at this chainage times 1 + pace, if there is one; return the NIS.
 
+    A vehicle that stands or rolls back is not usual: its speed is left alone.
+
     ``settings`` (2,): what pace leaves unexplained, a share, and the distance over which that
     persists [m]. The row's own standard deviation comes on top.
     """
     usual, slope, spread = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
-    if not (usual > 1.0 and abs(x[1]) > 0.5 and np.isfinite(slope + spread)):
+    if not (usual > 1.0 and x[1] > 0.5 and np.isfinite(slope + spread)):
         return 0.0
     pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))
     H[0, S], H[0, V], H[0, PACE] = -slope * pace, 1.0, -usual
     nu = np.array([usual * pace - x[1]])
     variance = spread**2 + (settings[0] * usual) ** 2
-    R = np.array([variance * max(1.0, settings[1] / (abs(x[1]) * T))])
+    R = np.array([variance * max(1.0, settings[1] / (x[1] * T))])
     own = np.dot(H[0], P @ H[0]) + R[0]
     ratio = nu[0] ** 2 / own
     if ratio > 9.0:

@@ -72,7 +72,14 @@ class LineMap:
         self.rows[:, RENEWAL] = renewal
 
     def turn(self, correction: Array) -> None:
-        """Correct the attitude by rotation vectors (M, 3) in body axes [rad], learnt from rides."""
-        R = self.rows[:, ATTITUDE].reshape(-1, 3, 3) @ so3.exp(correction)
+        """
+        Correct the attitude by rotation vectors (M, 3) in body axes [rad], learnt from rides.
+
+        The body sits on its rails: the tangent turns with it, and gravity's share along the line.
+        """
+        change = so3.exp(correction)
+        R = self.rows[:, ATTITUDE].reshape(-1, 3, 3) @ change
         self.rows[:, ATTITUDE] = R.reshape(-1, 9)
-        self.rows[:, TURNING] += np.gradient(correction, self.step_m, axis=0)
+        turning = np.einsum('nji,nj->ni', change, self.rows[:, TURNING])
+        self.rows[:, TURNING] = turning + np.gradient(correction, self.step_m, axis=0)
+        self.rows[:, CLIMB] = GRAVITY * np.einsum('ni,ni->n', R[:, 2], self.rows[:, TANGENT])
