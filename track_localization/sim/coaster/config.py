@@ -48,6 +48,9 @@ class TrackErrors:
     stretch: float = setting(1.2e-4, '', 'along-track error over distance, either sign', 0.0, 0.01)
     roll_rad: float = setting(0.002, 'rad', 'roll rms (uneven rails)', 0.0, 0.1)
     seat_m: float = setting(0.015, 'm', 'sensor from its nominal place, N(0, this)', 0.0, 0.5)
+    build_seed: int = setting(
+        -1, '', 'ride seed whose built track all rides get; -1: each seed builds its own', -1
+    )
 
 
 @dataclasses.dataclass(frozen=True)

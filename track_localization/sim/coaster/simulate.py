@@ -119,9 +119,7 @@ def simulate_coaster(
     """
     model = built_in_model(track) if isinstance(track, str) else track
     config = config or CoasterSimConfig()
-    ride_rng, track_rng, imu_rng, vibration_rng, clock_rng = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)
-    )
+    ride_rng, track_rng, imu_rng, vibration_rng, clock_rng = _generators(seed)
     plan = model.plan
     if config.ride.block_stop_s > 0.0:
         plan = plan.with_block_stop(config.ride.block_stop_s)
@@ -151,6 +149,11 @@ def simulate_coaster(
         R_bm=R_bm,
         clock_offset_s=float(offset),
     )
+
+
+def _generators(seed: int) -> list[Generator]:
+    """Return the generators of ride, built track, sensor, vibration and clock."""
+    return [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
 
 
 def _run(
@@ -221,6 +224,10 @@ def _built_seat(rng: Generator, model: CoasterModel, config: CoasterSimConfig) -
     """Return the seat's path on the track as built for this run."""
     e, line = config.track, model.line
     offset = e.seat_m * rng.standard_normal(3)
+    if e.build_seed >= 0:
+        # The sensor's place is this ride's own; the track is the one that build_seed would have.
+        rng = _generators(e.build_seed)[1]
+        rng.standard_normal(3)
     deviations = as_built.build(
         rng,
         line.length,

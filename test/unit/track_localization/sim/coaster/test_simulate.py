@@ -139,6 +139,26 @@ def test_same_seed_same_bits():
     )
 
 
+def test_one_built_track_for_several_rides():
+    """``build_seed`` N is the track that the ride of seed N has; the rides themselves differ."""
+
+    def built(seed, build_seed):
+        changes = {'track.build_seed': build_seed, 'track.seat_m': 0.0}
+        return simulate_coaster('looping', override(CoasterSimConfig(), changes), seed)
+
+    def path(ride):
+        s, first = np.unique(np.maximum.accumulate(ride.truth.chainage), return_index=True)
+        at = np.linspace(100.0, 800.0, 500)
+        return np.stack([np.interp(at, s, p) for p in ride.truth.position[first].T], axis=1)
+
+    own, named, other = built(3, -1), built(3, 3), built(4, 3)
+    np.testing.assert_array_equal(own.imu.specific_force, named.imu.specific_force)
+    assert not np.array_equal(own.markers.time_s, other.markers.time_s)
+    # Between samples the path is read off chords, at most 5 mm from the curve.
+    np.testing.assert_allclose(path(other), path(own), atol=0.005)
+    assert np.abs(path(built(4, -1)) - path(own)).max() > 0.02
+
+
 def test_vibration_does_not_change_what_else_was_drawn():
     """Each kind of error has its own stream: scenarios of one seed are the same ride."""
     a = simulate_coaster('mine', scenario('nominal'), 5)
