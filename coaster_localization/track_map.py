@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from coaster_localization.track_config import TrackFilterConfig
+from track_localization.errors import DataError
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide
-from track_localization.track.line_map import LineMap
+from track_localization.track.learned_line import LearnedLine
+from track_localization.track.line_map import RENEWAL, SIGMA, SPEED, SPEED_SIGMA, LineMap
 
 Array = NDArray[np.float64]
 
@@ -21,12 +23,21 @@ DRIVEN_ACCEL, DRIVEN_MPS = 0.03, 8.0
 """A train that keeps its speed within this [m/s^2] below this speed is driven."""
 PASS_M, PASS_MPS = 4.0, 0.3
 """A train met under way is looked for every so many metres, where it moves [m/s]."""
+SAME_LENGTH_M = 1.0
+"""Two lines whose lengths differ by less than this are of the same track."""
 CHANGE_M, RENEWED = 2.0, 3.0
 """Half the length of a change of drive; what is left of the old deviation is exp(-RENEWED)."""
 
 
-def line_map(design: DesignRide, config: TrackFilterConfig) -> LineMap:
-    """Return the line of the design ride's seat, with its speed where it passes just once."""
+def line_map(
+    design: DesignRide, config: TrackFilterConfig, learned: LearnedLine | None = None
+) -> LineMap:
+    """
+    Return the line of the design ride's seat, with its speed where it passes just once.
+
+    What was learnt from rides takes the design's place. Raise DataError where it was learnt on
+    a line of another length.
+    """
     table = LineMap(Centreline.from_design_ride(design), config.attitude_sigma)
     if config.speed_sigma > 0.0:
         speed = usual_speed(design, table)
@@ -34,7 +45,33 @@ def line_map(design: DesignRide, config: TrackFilterConfig) -> LineMap:
         renewal = 1.0 / config.speed_correlation_m + regime_changes(speed, table)
         table.set_speed(speed, open_, renewal)
     table.passes = passes(design)
+    if learned is not None:
+        correct_line(table, learned, config.speed_sigma > 0.0)
     return table
+
+
+def correct_line(table: LineMap, learned: LearnedLine, speed: bool = True) -> None:
+    """Put what was learnt into a line: attitude, what is left of its sigma and, if so, speed."""
+    if abs(float(learned.chainage[-1]) - table.length) > SAME_LENGTH_M:
+        raise DataError(
+            f'learned line: it ends at {learned.chainage[-1]:.1f} m, the design ride at '
+            f'{table.length:.1f} m; use the design ride it was learnt with, or learn it anew'
+        )
+    s = table.chainage
+    turn = [np.interp(s, learned.chainage, column) for column in learned.turn.T]
+    table.turn(np.stack(turn, axis=1))
+    sigma = np.interp(s, learned.chainage, learned.sigma)
+    table.rows[:, SIGMA] = np.where(np.isfinite(sigma), sigma, table.rows[:, SIGMA])
+    if not speed:
+        return
+    usual = np.interp(s, learned.chainage, learned.speed)
+    spread = np.interp(s, learned.chainage, learned.speed_sigma)
+    known = np.isfinite(usual + spread)
+    table.set_speed(
+        np.where(known, usual, table.rows[:, SPEED]),
+        np.where(known, spread, table.rows[:, SPEED_SIGMA]),
+        table.rows[:, RENEWAL],
+    )
 
 
 def passes(design: DesignRide) -> Array:
