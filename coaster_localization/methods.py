@@ -24,6 +24,7 @@ from track_localization.estimation.trajectory import Trajectory
 from track_localization.settings import override
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide
+from track_localization.track.learned_line import LearnedLine
 from track_localization.track.line_table import LineTable
 
 Array = NDArray[np.float64]
@@ -81,9 +82,14 @@ def run_methods(
     config: CoasterConfig,
     methods: Sequence[str],
     progress: Callable[[str], None] = lambda _: None,
+    learned: LearnedLine | None = None,
 ) -> Iterator[MethodResult]:
-    """Run ``methods`` (names of METHODS) over a recording; yield each result as it is ready."""
-    runner = _Runner(imu, design, config)
+    """
+    Run ``methods`` (names of METHODS) over a recording; yield each result as it is ready.
+
+    ``learned`` is what earlier rides taught of the line, for the track filter.
+    """
+    runner = _Runner(imu, design, config, learned)
     for name in methods:
         progress(name)
         yield runner.run(name)
@@ -118,11 +124,18 @@ def observations(match: Match, rate_hz: float) -> list[MatchObservation]:
 class _Runner:
     """Runs methods over one recording and keeps what several of them share."""
 
-    def __init__(self, imu: ImuSeries, design: DesignRide, config: CoasterConfig) -> None:
+    def __init__(
+        self,
+        imu: ImuSeries,
+        design: DesignRide,
+        config: CoasterConfig,
+        learned: LearnedLine | None = None,
+    ) -> None:
         self.imu = apply_mount(imu, config.mount_rpy_deg)
         self.design = design
         self.line = LineTable(Centreline.from_design_ride(design))
         self.config = config
+        self.learned = learned
         self._matches: dict[str, tuple[Match, float]] = {}
         self._filtered: tuple[CoasterEskf, Trajectory, float] | None = None
         self._tracked: FilteredRide | None = None
@@ -249,7 +262,10 @@ class _Runner:
     def _track_filter(self, name: str) -> MethodResult:
         config = self.config.track_filter
         if self._tracked is None:
-            line, start_m = line_map(self.design, config), float(self.design.chainage[0])
+            line, start_m = (
+                line_map(self.design, config, self.learned),
+                float(self.design.chainage[0]),
+            )
             self._tracked = filter_ride(self.imu, line, start_m, config)
         ride = self._tracked
         begin = time.perf_counter()

@@ -16,6 +16,7 @@ from track_localization.io.recording import Recording, read_recording
 from track_localization.io.tables import Markers, read_markers
 from track_localization.settings import load_yaml, override, walk
 from track_localization.track.design_ride import DesignRide, read_design_ride
+from track_localization.track.learned_line import LearnedLine, read_learned_line
 
 NODES = ('srdtw_matcher', 'coaster_eskf')
 """Sections of a parameter file that hold estimator settings; those of other nodes are skipped."""
@@ -35,6 +36,7 @@ class Inputs:
         config: every setting.
         markers: timed places, if there are any.
         files: what was read, by role.
+        learned: what earlier rides taught of the line, if it was named.
     """
 
     recording: Recording
@@ -42,6 +44,7 @@ class Inputs:
     config: CoasterConfig
     markers: Markers | None
     files: dict[str, Path]
+    learned: LearnedLine | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--track', type=Path, help='track.csv, checked against the design ride')
     parser.add_argument('--design-ride', type=Path, help='design_ride.csv')
     parser.add_argument('--markers', type=Path, help='markers.csv')
+    parser.add_argument(
+        '--learned', type=Path, help='learned_line.csv of learn_line, for the track filter'
+    )
     parser.add_argument('--config', type=Path, help='parameter file of the nodes (YAML)')
     parser.add_argument(
         '--remap',
@@ -91,7 +97,11 @@ def read_inputs(args: argparse.Namespace) -> Inputs:
     if 'track' in files:
         check_track(str(files['track']), design)
     markers = read_markers(files['markers']) if 'markers' in files else None
-    return Inputs(recording, design, config, markers, files)
+    learned = None
+    if args.learned is not None:
+        files['learned'] = args.learned
+        learned = read_learned_line(args.learned)
+    return Inputs(recording, design, config, markers, files, learned)
 
 
 def beside(bag: Path, name: str) -> Path | None:

@@ -92,7 +92,9 @@ def _run_methods(
     results: dict[str, MethodResult] = {}
     metrics: dict[str, Any] = {}
     with Progress(len(methods), 'method') as progress:
-        for result in run_methods(imu, inputs.design, inputs.config, methods, progress.begin):
+        for result in run_methods(
+            imu, inputs.design, inputs.config, methods, progress.begin, inputs.learned
+        ):
             results[result.name] = result
             metrics[result.name] = figures(result, reference, duration_s)
             progress.done()

@@ -84,7 +84,13 @@ def run(args: argparse.Namespace) -> None:
     for finding in inputs.recording.findings:
         say(str(finding))
     say(f'locating {len(events)} events by {args.method}')
-    results = run_methods(inputs.recording.imu, inputs.design, inputs.config, [args.method])
+    results = run_methods(
+        inputs.recording.imu,
+        inputs.design,
+        inputs.config,
+        [args.method],
+        learned=inputs.learned,
+    )
     result: MethodResult = next(iter(results))
     for note in result.notes:
         say(note)
