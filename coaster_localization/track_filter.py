@@ -43,7 +43,11 @@ USUAL_REST = (0.015, 0.0015)
 MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
 """How often hypotheses are merged, how light one may be, and how many there may be."""
 SURE = 0.999
-"""One hypothesis of this weight is followed alone."""
+"""One hypothesis of this weight is followed alone, once the line has turned enough to tell."""
+TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
+"""How far that is, after a start in the station and after one anywhere [rad]."""
+TURNING = 0.15
+"""What the sensor turns faster than this is the line's doing [rad/s]."""
 LOST = 0.9
 """Probability of being lost above which the train is looked for."""
 DOUBT = 0.1
@@ -94,12 +98,14 @@ class Origin(NamedTuple):
         time_s: stamp [s].
         x, P: state and covariance.
         rest: the rest that standstills are compared with.
+        fresh: whether the IMU's running means began here as well.
     """
 
     time_s: float
     x: Array
     P: Array
     rest: Rest | None
+    fresh: bool
 
 
 class Doubt(NamedTuple):
@@ -232,7 +238,8 @@ class CoasterTrackFilter:
         self.accepted['imu'] += 1
         if not self._running and self._origin is not None:
             if sample.time_s < self._origin.time_s:
-                self._monitor.push(sample)
+                if not self._origin.fresh:
+                    self._monitor.push(sample)
                 return []
             self._begin_as_before(self._origin)
         return [self._follow(sample)] if self._running else self._wait(sample)
@@ -264,7 +271,7 @@ class CoasterTrackFilter:
         if self._standing is not None and self._seen is not None:
             self._begin(waiting[0].time_s, self._leaving(self._seen))
         elif span >= config.seek_after_s:
-            self._begin(waiting[0].time_s, self._met())
+            self._begin(waiting[0].time_s, self._met(), TURN_UNDER_WAY)
         else:
             return []
         standing, self._standing = self._standing, None
@@ -290,11 +297,13 @@ class CoasterTrackFilter:
         free = math.radians(config.mount_sigma_deg)
         return under_way(self.line, self._start_m, M, bias, free, config)
 
-    def _begin(self, time_s: float, start: Hypotheses) -> None:
+    def _begin(self, time_s: float, start: Hypotheses, turn: float = TURN_AT_REST) -> None:
+        self._turn_left = turn
+        fresh = not self._running
         self.X, self.P = start.X, start.P
         self._log_weight = start.log_weight
         self._roots = [
-            Origin(time_s, x.copy(), P.copy(), self._rest)
+            Origin(time_s, x.copy(), P.copy(), self._rest, fresh)
             for x, P in zip(self.X, self.P, strict=True)
         ]
         count = len(self.X)
@@ -314,6 +323,8 @@ class CoasterTrackFilter:
         self._monitor_s = step.time_s
         if step.dt > 0.0:
             line_bank.advance_all(self.X, self._sums, step.f, step.w, step.dt, *self._table)
+        rate = math.sqrt(float(step.w_mean @ step.w_mean))
+        self._turn_left -= rate * step.dt if rate > TURNING else 0.0
         if step.time_s - self._epoch_s >= self.config.epoch_s - 1e-6 or step.dt > GAP_S:
             self._close_epoch(step)
         if len(self.X) == 1:
@@ -328,6 +339,9 @@ class CoasterTrackFilter:
         P = self.P[h].copy()
         for k in (0, 1):
             P[k, k] += float(weight @ (self.X[:, k] - self.X[h, k]) ** 2)
+        missed = math.exp(self._log_lost)
+        if missed > DOUBT:
+            P[0, 0] += missed * self.line.length**2 / 12.0
         return TrackState(time_s, self.X[h].copy(), P, self.lost)
 
     def _opened(self, P: Array) -> Array:
@@ -345,8 +359,11 @@ class CoasterTrackFilter:
         mean = np.concatenate([step.f_mean, step.w_mean])
         shake = np.append(step.shake, step.w_std)
         weight = np.exp(self._log_weight - np.logaddexp.reduce(self._log_weight))
-        speed = float(weight @ np.abs(self.X[:, 1]))
-        share = line_bank.news(T, speed, self.config.attitude_correlation_m)
+        rate = max(
+            float(np.linalg.norm(step.w_mean - self.X[0, 20:23])),
+            line_bank.turning(self.X, weight, *self._table),
+        )
+        share = line_bank.news(T, rate)
         about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()
@@ -384,15 +401,20 @@ class CoasterTrackFilter:
             return
         if time_s - self._merged_s >= MERGE_INTERVAL_S:
             self._merged_s = time_s
-            self._keep(line_bank.merge(self.X, self.P, self._log_weight, LEAST_WEIGHT)[:MOST])
+            self._keep(self._merged())
         best = float(np.exp(self._log_weight.max()))
         self.lost = 1.0 - best
-        if best > SURE:
+        if len(self.X) == 1 or (best > SURE and self._turn_left <= 0.0):
             self._keep(np.array([int(np.argmax(self._log_weight))]))
             self.doubts.append(Doubt(self._roots[0], time_s))
             self._first = True
         elif missed > LOST and time_s - self._roots[0].time_s > 10.0:
             self._seek(time_s)
+
+    def _merged(self) -> NDArray[np.int64]:
+        lap = self.line.length if self.line.closed else math.inf
+        least = LEAST_WEIGHT if self._turn_left <= 0.0 else LEAST_WEIGHT**2
+        return line_bank.merge(self.X, self.P, self._log_weight, least, lap)[:MOST]
 
     def _watch(self, time_s: float) -> None:
         """Look for the train on the whole line when it has been lost for a while."""
@@ -412,7 +434,7 @@ class CoasterTrackFilter:
         M = x[11:20].reshape(3, 3).copy()
         found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
         self.relocations += 1
-        self._begin(time_s, found)
+        self._begin(time_s, found, TURN_UNDER_WAY)
 
     def _keep(self, rows: NDArray[np.int64]) -> None:
         self.X, self.P = self.X[rows], self.P[rows]

@@ -22,7 +22,7 @@ from track_localization.track.line_map import LineMap
 
 Array = NDArray[np.float64]
 
-WARM_UP_S = 3.0
+WARM_UP_S = 10.0
 """How long the running means take that a stretch is gone through again with [s]."""
 
 

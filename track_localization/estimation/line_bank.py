@@ -20,8 +20,8 @@ LOST_SIGMA = 0.15
 """How far the attitude is off, about each axis, where a hypothesis is wrong [rad]."""
 LOST_RATE = 1e-4
 """Chance per second that a right hypothesis becomes wrong."""
-INDEPENDENT_S = 0.3
-"""Comparisons with the line closer than this tell the same."""
+INDEPENDENT_S, INDEPENDENT_RAD = 0.6, 0.15
+"""Comparisons with the line closer than this, in time or in turn, tell the same."""
 STILL_ACCEL = 0.1
 """A vehicle that stands is not pulled along its line by more than this [m/s^2]."""
 
@@ -175,7 +175,8 @@ def force_likelihood(
     out = 0.0
     for k in range(2):
         ahead = abs(rows[j, 7 + k] - row[7 + k]) * 4.9 * np.sqrt(P[0, 0])
-        spread = (2.0 * bend[k] * v) ** 2 * P[1, 1] + ahead * ahead + sigma * sigma
+        mount = (P[5, 5] + P[6, 6] + P[7, 7]) / 3.0 * (f[0] ** 2 + f[1] ** 2 + f[2] ** 2)
+        spread = (2.0 * bend[k] * v) ** 2 * P[1, 1] + ahead * ahead + sigma * sigma + mount
         miss = f[1 + k] - across[k]
         out -= 0.5 * (min(miss * miss / spread, 40.0) + np.log(spread))
     return out
@@ -185,21 +186,34 @@ LOST_LIKELIHOOD = -1.5 * (1.0 + float(np.log(LOST_SIGMA**2)))
 """Log likelihood of a comparison with the line where no hypothesis is right."""
 
 
-def news(T: float, speed: float, correlation_m: float) -> float:
+def news(T: float, rate: float) -> float:
     """
     Return how much of a comparison with the line is news, between 0 and 1.
 
-    After ``T`` [s] at ``speed`` [m/s], where the line's errors persist over ``correlation_m``.
+    After ``T`` [s] in which sensor or line turned at ``rate`` [rad/s]: what does not turn shows
+    the same again.
     """
-    return min(1.0, T / INDEPENDENT_S, abs(speed) * T / max(correlation_m, 1e-3))
+    return min(1.0, T / INDEPENDENT_S, rate * T / INDEPENDENT_RAD)
 
 
-def merge(X: Array, P: Array, log_weight: Array, least: float) -> NDArray[np.int64]:
+@numba.njit(cache=True)
+def turning(X: Array, weight: Array, rows: Array, step: float, closed: bool) -> float:
+    """Return how fast the line turns under the hypotheses [rad/s], by ``weight`` (H,)."""
+    total = 0.0
+    for h in range(len(X)):
+        i, _ = kernel.row_of(rows, step, closed, X[h, 0])
+        bend = np.sqrt(rows[i, 9] ** 2 + rows[i, 10] ** 2 + rows[i, 11] ** 2)
+        total += weight[h] * bend * abs(X[h, 1])
+    return total
+
+
+def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> NDArray[np.int64]:
     """
     Return the indices of the hypotheses worth keeping, the heaviest first.
 
     One that is where a heavier one is adds its weight to it; one lighter than ``least`` times the
-    heaviest goes. ``log_weight`` is changed in place.
+    heaviest goes. ``lap_m``: after so many metres it is the same place again (infinite on an open
+    line). ``log_weight`` is changed in place.
     """
     order = np.argsort(-log_weight)
     sigma = np.sqrt(np.maximum(P[:, 0, 0], 1e-6))
@@ -210,7 +224,10 @@ def merge(X: Array, P: Array, log_weight: Array, least: float) -> NDArray[np.int
             break
         twin = -1
         for k in kept:
-            near = abs(X[h, 0] - X[k, 0]) < 0.5 * (sigma[h] + sigma[k])
+            apart = abs(float(X[h, 0] - X[k, 0]))
+            if np.isfinite(lap_m):
+                apart = abs(apart - lap_m * round(apart / lap_m))
+            near = apart < 0.5 * (sigma[h] + sigma[k])
             if near and abs(X[h, 1] - X[k, 1]) < 1.0 and _same_mount(X[h], X[k]):
                 twin = k
                 break
