@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
-from coaster_localization.track_start import Hypotheses, at_rest, is_firm, mount_of, under_way
+from coaster_localization.track_start import (
+    DRIFT,
+    Hypotheses,
+    at_rest,
+    either,
+    is_firm,
+    mount_of,
+    under_way,
+)
 from track_localization import GRAVITY
 from track_localization.estimation import line_bank
 from track_localization.estimation import line_filter as kernel
@@ -44,6 +52,8 @@ MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
 """How often hypotheses are merged, how light one may be, and how many there may be."""
 SURE = 0.999
 """One hypothesis of this weight is followed alone, once the line has turned enough to tell."""
+STATION_SHARE = 0.99
+"""Chance that a train which hardly shakes is in the station, against anywhere else."""
 TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
 """How far that is, after a start in the station and after one anywhere [rad]."""
 TURNING = 0.15
@@ -259,7 +269,7 @@ class CoasterTrackFilter:
         self._look_s = sample.time_s + LOOK_INTERVAL_S
         latest = [s for s in waiting if s.time_s >= sample.time_s - config.rest_s]
         rest = observe_rest(latest)
-        if rest is not None:
+        if rest is not None and is_firm(rest):
             self._seen = rest
             while waiting[0].time_s < latest[0].time_s:
                 waiting.popleft()
@@ -271,7 +281,7 @@ class CoasterTrackFilter:
         if self._standing is not None and self._seen is not None:
             self._begin(waiting[0].time_s, self._leaving(self._seen))
         elif span >= config.seek_after_s:
-            self._begin(waiting[0].time_s, self._met(), TURN_UNDER_WAY)
+            self._begin(waiting[0].time_s, self._met(rest), TURN_UNDER_WAY)
         else:
             return []
         standing, self._standing = self._standing, None
@@ -281,21 +291,26 @@ class CoasterTrackFilter:
 
     def _leaving(self, seen: Rest) -> Hypotheses:
         """Return hypotheses of a train that has stood as ``seen`` and begins to move."""
-        place = (self.line, self._start_m, self._start_sigma)
-        if is_firm(seen) or self._known_rest is None:
-            # Standstills are compared with this rest, if it was one for certain.
-            self._rest = seen if is_firm(seen) else None
-            return at_rest(*place, seen, self.config)
-        return at_rest(*place, self._known_rest, self.config, leaves=True)
+        self._rest = seen
+        return at_rest(self.line, self._start_m, self._start_sigma, seen, self.config)
 
-    def _met(self) -> Hypotheses:
-        """Return hypotheses of a ride that is already under way."""
-        config, rest = self.config, self._rest
+    def _met(self, loose: Rest | None) -> Hypotheses:
+        """
+        Return hypotheses of a train that never stood for certain.
+
+        It may be anywhere; or, where it shakes as little as in ``loose``, in the station still.
+        """
+        config, rest = self.config, self._known_rest
         M, bias = np.eye(3), (np.zeros(3), config.gyro_bias_sigma)
         if rest is not None:
-            M, bias = mount_of(self.line, self._start_m, rest), (rest.rate, 5e-4)
+            M, bias = mount_of(self.line, self._start_m, rest), (rest.rate, DRIFT)
         free = math.radians(config.mount_sigma_deg)
-        return under_way(self.line, self._start_m, M, bias, free, config)
+        anywhere = under_way(self.line, self._start_m, M, bias, free, config)
+        if loose is None:
+            return anywhere
+        place = (self.line, self._start_m, self._start_sigma)
+        standing = at_rest(*place, rest or loose, config, leaves=rest is not None)
+        return either(standing, anywhere, STATION_SHARE)
 
     def _begin(self, time_s: float, start: Hypotheses, turn: float = TURN_AT_REST) -> None:
         self._turn_left = turn

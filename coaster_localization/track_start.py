@@ -139,6 +139,17 @@ def under_way(
     return _stack(found)
 
 
+def either(first: Hypotheses, second: Hypotheses, share: float) -> Hypotheses:
+    """Return the hypotheses of both; ``share`` is the chance of the first."""
+    return Hypotheses(
+        np.concatenate([first.X, second.X]),
+        np.concatenate([first.P, second.P]),
+        np.concatenate(
+            [first.log_weight + math.log(share), second.log_weight + math.log1p(-share)]
+        ),
+    )
+
+
 def state(
     line: LineMap, s: float, v: float, M: Array, gyro_bias: Array, config: TrackFilterConfig
 ) -> tuple[Array, Array]:
