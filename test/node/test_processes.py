@@ -21,6 +21,7 @@ NODES = {
     'imu_publisher': 'coaster_localization.nodes.imu_publisher',
     'srdtw_matcher': 'coaster_localization.nodes.srdtw_matcher',
     'coaster_eskf': 'coaster_localization.nodes.eskf',
+    'coaster_track_filter': 'coaster_localization.nodes.track_filter',
     'sensor_publisher': 'track_localization.ros.replay',
 }
 
@@ -77,7 +78,7 @@ def appears(ros, node_name: str) -> bool:
 
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('name', ['coaster_eskf', 'srdtw_matcher'])
+@pytest.mark.parametrize('name', ['coaster_eskf', 'coaster_track_filter', 'srdtw_matcher'])
 def test_a_signal_ends_an_estimator_cleanly(ros, start, circle_file, name, sign):
     process = start(name, f'design_ride:={circle_file}')
     assert appears(ros, name)
@@ -130,6 +131,8 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
         ('sensor_publisher', 'rate:=fast', "parameter rate: 'fast' cannot stand for"),
         ('coaster_eskf', 'design_ride:=/none.csv', 'parameter design_ride: /none.csv'),
         ('coaster_eskf', 'eskf.rest_s:=1000', 'parameter eskf.rest_s: 1000.0 s is above'),
+        ('coaster_track_filter', 'design_ride:=/none.csv', 'parameter design_ride: /none.csv'),
+        ('coaster_track_filter', 'track_filter.lag_s:=99', 'lag_s: 99.0 s is above'),
         ('srdtw_matcher', 'matcher.method:=guess', "parameter matcher.method: 'guess' is not one"),
     ],
 )
