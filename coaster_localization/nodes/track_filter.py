@@ -26,6 +26,8 @@ from track_localization.ros.qos import OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
 PARAMETERS = ('design_ride', 'track', 'frame_', 'publish_tf', 'mount_rpy_deg', 'track_filter.')
+DOUBTS_M = (0.1, 5.0)
+"""Doubts about the start that are practised: one place, and several that are compared."""
 
 
 class CoasterTrackFilterNode(EstimatorNode):
@@ -48,14 +50,16 @@ class CoasterTrackFilterNode(EstimatorNode):
         design = inputs.design_ride(self.config)
         self.filter = make_filter(design, self.config.track_filter)
         if warm_up:
-            self._warm_up()
+            for doubt_m in DOUBTS_M:
+                self._warm_up(make_filter(design, self.config.track_filter), doubt_m)
         self._connect()
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, trial: Any, doubt_m: float) -> None:
+        """Take a filter of no further use through a rest and a departure."""
+        trial.set_start_chainage(0.0, doubt_m**2)
         for sample in warm_up_samples():
-            for estimate in self.filter.push(sample) + self.filter.smoothed():
+            for estimate in trial.push(sample) + trial.smoothed():
                 convert.fill_odometry(Odometry(), estimate)
-        self.filter.reset()
 
     def _advertise(self) -> None:
         super()._advertise()
