@@ -47,7 +47,7 @@ class TrackEstimate:
     @property
     def lap(self) -> int:
         """Laps completed since chainage zero; 0 on an open line."""
-        return int(self.x[0] // self.line.length) if self.line.closed else 0
+        return max(int(self.x[0] // self.line.length), 0) if self.line.closed else 0
 
     @property
     def speed(self) -> float:
@@ -64,6 +64,9 @@ class TrackEstimate:
         """Position (3,) in ``map`` [m]."""
         i, share = self._row
         p = self.line.position
+        if not (self.line.closed or 0.0 <= self.x[0] <= self.line.length):
+            # Beyond an open line's ends it goes on straight.
+            return np.asarray(self.line.line.position(float(self.x[0])))
         return np.asarray(p[i] + share * (p[i + 1] - p[i]))
 
     @property

@@ -25,6 +25,8 @@ PASS_M, PASS_MPS = 4.0, 0.3
 """A train met under way is looked for every so many metres, where it moves [m/s]."""
 SAME_LENGTH_M = 1.0
 """Two lines whose lengths differ by less than this are of the same track."""
+AGREE = 0.05
+"""Passes of the design whose speeds differ by less than this share tell one usual speed."""
 CHANGE_M, RENEWED = 2.0, 3.0
 """Half the length of a change of drive; what is left of the old deviation is exp(-RENEWED)."""
 
@@ -42,8 +44,10 @@ def line_map(
     if config.speed_sigma > 0.0:
         speed = usual_speed(design, table)
         open_ = PLACE_SIGMA_M * np.abs(np.gradient(speed, table.step_m))
-        renewal = 1.0 / config.speed_correlation_m + regime_changes(speed, table)
-        table.set_speed(speed, open_, renewal)
+        back = usual_speed(design, table, backward=True)
+        renewal = regime_changes(speed, table) + regime_changes(-back, table)
+        table.set_speed(speed, open_, 1.0 / config.speed_correlation_m + renewal)
+        table.set_speed_back(back, PLACE_SIGMA_M * np.abs(np.gradient(back, table.step_m)))
     table.passes = passes(design)
     if learned is not None:
         correct_line(table, learned, config.speed_sigma > 0.0)
@@ -85,24 +89,26 @@ def passes(design: DesignRide) -> Array:
     return np.column_stack([design.chainage[rows], rate[rows]])
 
 
-def usual_speed(design: DesignRide, table: LineMap) -> Array:
+def usual_speed(design: DesignRide, table: LineMap, backward: bool = False) -> Array:
     """
-    Return the design's speed (M,) by chainage [m/s]; NaN where it is not known.
+    Return the design's speed (M,) by chainage [m/s], one way; NaN where it is not known.
 
-    A track that is run both ways has no usual speed.
+    Where the design passes several times (laps, a shuttle) it is known if the passes agree.
+    Running ``backward`` it is negative.
     """
-    s = table.chainage
+    way = -1.0 if backward else 1.0
     rate = np.gradient(design.chainage, design.time_s)
-    if rate.min() < -0.1:
-        return np.full(len(s), np.nan)
-    moving = np.flatnonzero(rate > 0.05)
-    where = design.chainage[moving]
-    if table.closed:
-        where = where % table.length
-    order = np.argsort(where, kind='stable')
-    speed = np.interp(s, where[order], rate[moving][order])
-    speed[speed < SLOWEST_MPS] = np.nan
-    return speed
+    least, most = np.full(len(table.rows), np.nan), np.full(len(table.rows), np.nan)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], way * rate > 0.05, [0]]).astype(int)))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        s, v = design.chainage[first:last], way * rate[first:last]
+        s, v = (s[::-1], v[::-1]) if backward else (s, v)
+        laps = np.arange(s[0] // table.length, s[-1] // table.length + 1) if table.closed else [0]
+        for lap in laps:
+            here = np.interp(table.chainage + lap * table.length, s, v, np.nan, np.nan)
+            least, most = np.fmin(least, here), np.fmax(most, here)
+    agree = (most - least <= AGREE * most) & (least >= SLOWEST_MPS)
+    return np.where(agree, 0.5 * way * (least + most), np.nan)
 
 
 def regime_changes(speed: Array, table: LineMap) -> Array:

@@ -96,7 +96,12 @@ class FilteredRide:
         start, end = (x[:, 0:2] - after)[k], (x[:, 0:2] - before)[then]
         states[:, 0:2] += (1.0 - share) * start + share * end
         nearest = np.where(share[:, 0] > 0.5, then, k)
-        states[:, 2:] = x[nearest, 2:]
+        # The attitude likewise: both ends' corrections are small and nearly the same.
+        C = states[:, 2:11].reshape(-1, 3, 3)
+        after = np.array([e.x[2:11] for e in self.epochs]).reshape(-1, 3, 3)
+        turn = x[:, 2:11].reshape(-1, 3, 3) @ np.swapaxes(after, 1, 2)
+        states[:, 2:11] = (turn[k] @ C).reshape(-1, 9)
+        states[:, 11:] = x[nearest, 11:]
         return to_trajectory(t, states, P[nearest], self.line, self.config.line_sigma_m)
 
 

@@ -35,8 +35,14 @@ def _backward(
     x: Array, P: Array, x_before: Array, P_before: Array, F: Array, x_next: Array, P_next: Array
 ) -> None:
     """Smooth one epoch in place: ``x``, ``P`` are the filter's, ``*_next`` the smoothed."""
-    d = 1.0 / np.sqrt(np.diag(P_before))
+    # Scaled by its diagonal it is well conditioned; a state that is known for certain stays out.
+    d = np.diag(P_before).copy()
+    for i in range(len(d)):
+        d[i] = 1.0 / np.sqrt(d[i]) if d[i] > 1e-30 else 0.0
     scaled = P_before * np.outer(d, d)
+    for i in range(len(d)):
+        if d[i] == 0.0:
+            scaled[i, i] = 1.0
     FP = F @ P
     for i in range(len(d)):
         FP[i] *= d[i]
@@ -66,14 +72,13 @@ class FixedLag:
     def push(self, epoch: Epoch) -> list[tuple[float, Array, Array]]:
         """Take an epoch; return (stamp, state, covariance) of those that are old enough."""
         window = self._window
-        if window and epoch.time_s <= window[-1].time_s:
-            window.clear()
+        out = self.flush() if window and epoch.time_s <= window[-1].time_s else []
         window.append(epoch)
         self._since += 1
         if self._since < self.BATCH or epoch.time_s - window[0].time_s < self._lag_s:
-            return []
+            return out
         self._since = 0
-        return self._release(epoch.time_s - self._lag_s)
+        return out + self._release(epoch.time_s - self._lag_s)
 
     def flush(self) -> list[tuple[float, Array, Array]]:
         """Return what is left at the end of a ride."""

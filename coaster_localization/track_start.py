@@ -92,7 +92,7 @@ def at_rest(
         level_sigma, speed_sigma, bias_sigma = LOOSE_REST
     if speed_sigma > STANDING_MPS:
         place_sigma = math.hypot(place_sigma, speed_sigma)
-    found = []
+    found: list[tuple[Array, Array, float]] = []
     for offset in offsets:
         s = start_m + float(offset)
         if not line.closed and not 0.0 <= s <= line.length:
@@ -126,7 +126,7 @@ def under_way(
     ``M`` is the mount with its standard deviation [rad], ``gyro_bias`` the bias (3,) and its
     standard deviation [rad/s].
     """
-    found = []
+    found: list[tuple[Array, Array, float]] = []
     count = max(len(line.passes), 1)
     for s, v in [(start_m, 0.0), *line.passes.tolist()]:
         x, P = state(line, s, v, M, gyro_bias[0], config)

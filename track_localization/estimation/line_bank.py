@@ -55,15 +55,12 @@ def close_epoch(
     """
     Predict, compare with the line, and fuse what else is known, for one hypothesis.
 
-    Args:
-        settings: (10,) of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
-            multiples of the force's and rate's shake, least white acceleration per sample at
-            100 Hz [m/s^2].
-        noise: (6,) of ``predict``; what the shake adds is added here.
-        mean: (6,) running means of force and rate.
-        shake: (7,) variances above 4 Hz of force and rate, standard deviation of the rate.
-        quiet: the sensor shakes no more than at rest.
-        level_due: a standstill may be levelled by.
+    ``settings`` (10,): of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
+    multiples of the force's and rate's shake, least white acceleration per sample at 100 Hz
+    [m/s^2]. ``noise`` (6,): of ``predict``; what the shake adds is added here. ``mean`` (6,):
+    running means of force and rate. ``shake`` (7,): variances above 4 Hz of force and rate,
+    standard deviation of the rate. ``quiet``: the sensor shakes no more than at rest;
+    ``level_due``: a standstill may be levelled by. The rest is as in ``line_filter``.
 
     Return F, the prediction (x, P), the log likelihood, and whether it stands.
     """

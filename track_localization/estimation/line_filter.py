@@ -33,11 +33,12 @@ SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 # Columns of a row of the line, see LineMap.
 _TURNING, _TANGENT, _STRETCH, _LEVER, _CLIMB = 9, 12, 15, 16, 17
 _SPEED, _SPEED_SIGMA, _SIGMA, _RENEWAL = 18, 19, 20, 21
+_BACK = 22
 SQRT3 = np.sqrt(3.0)
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
 ROLLBACK = -0.5
-"""A vehicle slower than this rolls back [m/s]: no pace is to be had from it."""
+"""A vehicle slower than this runs backward [m/s]."""
 DRIVEN_PACE = 0.005
 """What is then left of the pace's uncertainty beside the speed's own."""
 
@@ -323,15 +324,20 @@ def match_attitude(
 
 @numba.njit(cache=True)
 def usual_speed(
-    rows: Array, step: float, closed: bool, s: float, sigma: float
+    rows: Array, step: float, closed: bool, s: float, v: float, sigma: float
 ) -> tuple[float, float, float]:
-    """Return the usual speed at ``s`` [m/s], its slope [1/s] and spread; NaN where not known."""
+    """
+    Return the usual speed at ``s`` [m/s], its slope [1/s] and spread; NaN where not known.
+
+    That of running backward, which is negative, where ``v`` says that the vehicle does.
+    """
+    column = _SPEED if v > ROLLBACK else _BACK
     i, share = row_of(rows, step, closed, s)
-    usual = (1.0 - share) * rows[i, _SPEED] + share * rows[i + 1, _SPEED]
+    usual = (1.0 - share) * rows[i, column] + share * rows[i + 1, column]
     reach = min(max(SQRT3 * sigma, 0.5), 10.0)
     j, _ = row_of(rows, step, closed, s + reach)
     k, _ = row_of(rows, step, closed, s - reach)
-    return usual, (rows[j, _SPEED] - rows[k, _SPEED]) / (2.0 * reach), rows[i, _SPEED_SIGMA]
+    return usual, (rows[j, column] - rows[k, column]) / (2.0 * reach), rows[i, column + 1]
 
 
 @numba.njit(cache=True)
@@ -354,8 +360,8 @@ def follow_drive(
     acceleration, from the specific ``force`` (3,) in body axes, whose noise is ``shake`` [m/s^2].
     Return whether it is so; never where the vehicle rolls back.
     """
-    usual, slope, _ = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
-    if not (usual > 1.0 and x[1] > ROLLBACK and np.isfinite(slope)):
+    usual, slope, _ = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
+    if not (abs(usual) > 1.0 and np.isfinite(slope)):
         driven[0] = 0.0
         return False
     a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
@@ -364,10 +370,12 @@ def follow_drive(
     if abs(driven[0]) < DRIVEN_ACCEL + 0.3 * shake:
         return False
     x[X_PACE] = x[1] / usual - 1.0
-    F[PACE, :] = F[V, :] / usual
-    P[PACE, :] = P[V, :] / usual
+    by_s = -x[1] * slope / usual**2
+    F[PACE, :] = F[V, :] / usual + by_s * F[S, :]
+    P[PACE, :] = P[V, :] / usual + by_s * P[S, :]
+    own = P[PACE, V] / usual + by_s * P[PACE, S]
     P[:, PACE] = P[PACE, :]
-    P[PACE, PACE] = P[V, V] / usual**2 + DRIVEN_PACE**2
+    P[PACE, PACE] = own + DRIVEN_PACE**2
     return True
 
 
@@ -378,20 +386,20 @@ def match_speed(
     """
     Fuse the usual speed at this chainage times 1 + pace, if there is one; return the NIS.
 
-    A vehicle that stands or rolls back is not usual: its speed is left alone.
+    A vehicle that stands is not usual: its speed is left alone.
 
     ``settings`` (2,): what pace leaves unexplained, a share, and the distance over which that
     persists [m]. The row's own standard deviation comes on top.
     """
-    usual, slope, spread = usual_speed(rows, step, closed, x[0], np.sqrt(P[0, 0]))
-    if not (usual > 1.0 and x[1] > 0.5 and np.isfinite(slope + spread)):
+    usual, slope, spread = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
+    if not (abs(usual) > 1.0 and abs(x[1]) > 0.5 and np.isfinite(slope + spread)):
         return 0.0
     pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))
     H[0, S], H[0, V], H[0, PACE] = -slope * pace, 1.0, -usual
     nu = np.array([usual * pace - x[1]])
     variance = spread**2 + (settings[0] * usual) ** 2
-    R = np.array([variance * max(1.0, settings[1] / (x[1] * T))])
+    R = np.array([variance * max(1.0, settings[1] / (abs(x[1]) * T))])
     own = np.dot(H[0], P @ H[0]) + R[0]
     ratio = nu[0] ** 2 / own
     if ratio > 9.0:

@@ -13,7 +13,8 @@ Array = NDArray[np.float64]
 
 ATTITUDE, TURNING, TANGENT = slice(0, 9), slice(9, 12), slice(12, 15)
 STRETCH, LEVER, CLIMB, SPEED, SPEED_SIGMA, SIGMA, RENEWAL = 15, 16, 17, 18, 19, 20, 21
-WIDTH = 22
+BACK, BACK_SIGMA = 22, 23
+WIDTH = 24
 """Columns of a row; see LineMap."""
 
 
@@ -25,11 +26,11 @@ class LineMap:
     R (9, row by row), its turning rate (3, body axes) [rad/m], the path's tangent (3, body axes),
     |p'| (metres of path for a metre of chainage), p'' along the tangent [1/m], gravity along the
     tangent [m/s^2], the usual speed |ds/dt| and its standard deviation [m/s] (NaN: not known), the
-    standard deviation of the attitude [rad], and how fast a vehicle's deviation from the usual
-    speed is renewed [1/m].
+    standard deviation of the attitude [rad], how fast a vehicle's deviation from the usual speed is
+    renewed [1/m], and the usual speed of one that runs backward (negative) with its deviation.
 
     Attributes:
-        rows: (M, 22).
+        rows: (M, 24).
         position: (M, 3) in ``map`` [m].
         step_m: between rows [m].
         length: of the line [m].
@@ -70,6 +71,10 @@ class LineMap:
         """Set usual speed, its standard deviation [m/s] and its renewal [1/m], each (M,)."""
         self.rows[:, SPEED], self.rows[:, SPEED_SIGMA] = speed, sigma
         self.rows[:, RENEWAL] = renewal
+
+    def set_speed_back(self, speed: Array, sigma: Array) -> None:
+        """Set the usual speed of running backward, negative, and its deviation [m/s], (M,)."""
+        self.rows[:, BACK], self.rows[:, BACK_SIGMA] = speed, sigma
 
     def turn(self, correction: Array) -> None:
         """

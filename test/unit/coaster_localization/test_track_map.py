@@ -113,14 +113,40 @@ def test_speed_is_less_certain_where_it_changes():
     np.testing.assert_allclose(table.rows[row, columns.SPEED_SIGMA], 0.7 * np.abs(slope), atol=0.01)
 
 
-def test_track_that_is_run_both_ways_has_no_usual_speed():
+def test_track_that_is_run_both_ways_has_a_speed_for_each():
+    """The shuttle climbs its first lift backward at one speed and rolls through it otherwise."""
     design = built_in_model('shuttle').design
     table = line_map(design, CONFIG)
-    assert np.isnan(table.rows[:, [columns.SPEED, columns.SPEED_SIGMA]]).all()
-    x = np.zeros(kernel.NOMINAL)
-    x[0], x[1] = 150.0, 20.0
-    about = (table.rows, table.step_m, table.closed, np.array([0.005, 20.0]))
-    assert kernel.match_speed(x, np.eye(18), 0.05, *about) == 0.0
+    s, rate = design.chainage, np.gradient(design.chainage, design.time_s)
+    for place in (40.0, 150.0):
+        i = int(place / table.step_m)
+        passes_here = rate[:-1][np.diff(np.sign(s - place)) != 0]
+        for column, way in ((columns.SPEED, 1.0), (columns.BACK, -1.0)):
+            there = passes_here[way * passes_here > 0.05]
+            usual = table.rows[i, column]
+            if len(there) and np.ptp(there) < 0.04 * abs(there).max():
+                assert usual == pytest.approx(there.mean(), rel=0.03)
+            elif len(there) > 1 and np.ptp(there) > 0.06 * abs(there).max():
+                assert np.isnan(usual)
+    assert np.isfinite(table.rows[:, columns.BACK]).any()
+    assert np.isfinite(table.rows[:, columns.SPEED]).any()
+
+
+def test_laps_that_differ_tell_no_speed():
+    """Two laps of a circuit at 10 and at 14 m/s: no usual speed; at 10 and 10.2: their middle."""
+    lap = 2.0 * np.pi * RADIUS
+    for second, known in ((14.0, False), (10.2, True)):
+        step = np.full(12000, 0.1)
+        s = np.cumsum(step)
+        step[s > lap] = second / 100.0
+        s = np.cumsum(step)
+        table = line_map(level_ride(s[s < 2.0 * lap]), CONFIG)
+        speed = table.rows[200:-200, columns.SPEED]
+        assert table.closed
+        if known:
+            np.testing.assert_allclose(speed, 10.1, atol=0.11)
+        else:
+            assert np.isnan(speed).all()
 
 
 def test_no_speed_where_none_is_wanted():
