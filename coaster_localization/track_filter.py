@@ -56,6 +56,9 @@ STATION_SHARE = 0.99
 """Chance that a train which hardly shakes is in the station, against anywhere else."""
 TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
 """How far that is, after a start in the station and after one anywhere [rad]."""
+EARLY, WIDER = 0.3, 0.3
+"""What is seen of a doubtful start while a few places look alike tells less than it seems: the
+share of its likelihood that counts, and the power of the weights that open the covariance."""
 TURNING = 0.15
 """What the sensor turns faster than this is the line's doing [rad/s]."""
 LOST = 0.9
@@ -349,8 +352,9 @@ class CoasterTrackFilter:
 
     def _mixture(self, time_s: float) -> TrackState:
         """Return the heaviest hypothesis, its covariance opened to the others."""
-        weight = np.exp(self._log_weight - np.logaddexp.reduce(self._log_weight))
-        h = int(np.argmax(weight))
+        h = int(np.argmax(self._log_weight))
+        weight = np.exp(WIDER * self._log_weight)
+        weight /= weight.sum()
         P = self.P[h].copy()
         for k in (0, 1):
             P[k, k] += float(weight @ (self.X[:, k] - self.X[h, k]) ** 2)
@@ -378,7 +382,7 @@ class CoasterTrackFilter:
             float(np.linalg.norm(step.w_mean - self.X[0, 20:23])),
             line_bank.turning(self.X, weight, *self._table),
         )
-        share = line_bank.news(T, rate)
+        share = line_bank.news(T, rate) * (1.0 if self._turn_left <= 0.0 else EARLY)
         about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()

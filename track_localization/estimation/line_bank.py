@@ -22,6 +22,8 @@ LOST_RATE = 1e-4
 """Chance per second that a right hypothesis becomes wrong."""
 INDEPENDENT_S, INDEPENDENT_RAD = 0.6, 0.15
 """Comparisons with the line closer than this, in time or in turn, tell the same."""
+SAME_MOUNT = float(np.cos(np.deg2rad(5.0)))
+"""Cosine of the angle within which two mounts are the same."""
 STILL_ACCEL = 0.1
 """A vehicle that stands is not pulled along its line by more than this [m/s^2]."""
 
@@ -204,6 +206,7 @@ def turning(X: Array, weight: Array, rows: Array, step: float, closed: bool) -> 
     return total
 
 
+@numba.njit(cache=True)
 def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> NDArray[np.int64]:
     """
     Return the indices of the hypotheses worth keeping, the heaviest first.
@@ -213,28 +216,29 @@ def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> 
     line). ``log_weight`` is changed in place.
     """
     order = np.argsort(-log_weight)
-    sigma = np.sqrt(np.maximum(P[:, 0, 0], 1e-6))
-    kept: list[int] = []
+    kept = np.empty(len(order), dtype=np.int64)
+    count = 0
     limit = log_weight[order[0]] + np.log(least)
     for h in order:
         if log_weight[h] < limit:
             break
         twin = -1
-        for k in kept:
-            apart = abs(float(X[h, 0] - X[k, 0]))
+        for k in kept[:count]:
+            apart = abs(X[h, 0] - X[k, 0])
             if np.isfinite(lap_m):
-                apart = abs(apart - lap_m * round(apart / lap_m))
-            near = apart < 0.5 * (sigma[h] + sigma[k])
-            if near and abs(X[h, 1] - X[k, 1]) < 1.0 and _same_mount(X[h], X[k]):
+                apart = abs(apart - lap_m * np.rint(apart / lap_m))
+            if apart >= 0.5 * (np.sqrt(P[h, 0, 0]) + np.sqrt(P[k, 0, 0])):
+                continue
+            turned = 0.0
+            for j in range(11, 20):
+                turned += X[h, j] * X[k, j]
+            if abs(X[h, 1] - X[k, 1]) < 1.0 and 0.5 * (turned - 1.0) > SAME_MOUNT:
                 twin = k
                 break
         if twin < 0:
-            kept.append(int(h))
+            kept[count] = h
+            count += 1
         else:
-            log_weight[twin] = np.logaddexp(log_weight[twin], log_weight[h])
-    return np.array(kept)
-
-
-def _same_mount(x: Array, y: Array) -> bool:
-    cosine = 0.5 * (float(x[11:20] @ y[11:20]) - 1.0)
-    return cosine > np.cos(np.deg2rad(5.0))
+            heavy, light = log_weight[twin], log_weight[h]
+            log_weight[twin] = heavy + np.log1p(np.exp(light - heavy))
+    return kept[:count]
