@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from coaster_localization.seat_line import seat_line
 from coaster_localization.track_config import TrackFilterConfig
 from track_localization.errors import DataError
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide
 from track_localization.track.learned_line import LearnedLine
 from track_localization.track.line_map import RENEWAL, SIGMA, SPEED, SPEED_SIGMA, LineMap
+from track_localization.track.track_file import TrackFile
 
 Array = NDArray[np.float64]
 
@@ -52,6 +54,23 @@ def line_map(
     if learned is not None:
         correct_line(table, learned, config.speed_sigma > 0.0)
     return table
+
+
+def track_map(
+    track: TrackFile,
+    config: TrackFilterConfig,
+    wheelbase_m: float,
+    seat_m: Array,
+    line_height_m: float = 0.0,
+) -> LineMap:
+    """
+    Return the line of a seat on a track that was exported without a ride; no speed is known.
+
+    ``wheelbase_m`` between the bogies, ``seat_m`` (3,) from their middle in the car's axes, and
+    ``line_height_m`` of the file's line above the rail centre [m].
+    """
+    line = seat_line(Centreline.from_track(track), wheelbase_m, seat_m, line_height_m)
+    return LineMap(line, config.attitude_sigma)
 
 
 def correct_line(table: LineMap, learned: LearnedLine, speed: bool = True) -> None:
