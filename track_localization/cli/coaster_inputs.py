@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from track_localization.settings import load_yaml, override, walk
 from track_localization.track.design_ride import DesignRide, read_design_ride
 from track_localization.track.learned_line import LearnedLine, read_learned_line
 
-NODES = ('srdtw_matcher', 'coaster_eskf')
+NODES = ('srdtw_matcher', 'coaster_eskf', 'coaster_track_filter')
 """Sections of a parameter file that hold estimator settings; those of other nodes are skipped."""
 
 OF_NODES_ONLY = {'frame_map', 'frame_base', 'frame_imu', 'publish_tf', 'use_sim_time'}
@@ -37,6 +38,7 @@ class Inputs:
         markers: timed places, if there are any.
         files: what was read, by role.
         learned: what earlier rides taught of the line, if it was named.
+        clock_event: when by the ground's clock [s] the train passed which chainage [m], if told.
     """
 
     recording: Recording
@@ -45,6 +47,7 @@ class Inputs:
     markers: Markers | None
     files: dict[str, Path]
     learned: LearnedLine | None = None
+    clock_event: tuple[float, float] | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--markers', type=Path, help='markers.csv')
     parser.add_argument(
         '--learned', type=Path, help='learned_line.csv of learn_line, for the track filter'
+    )
+    parser.add_argument(
+        '--clock-event',
+        type=_clock_event,
+        metavar='TIME_S,CHAINAGE_M',
+        help="the train passed this chainage at this time of the ground's clock: gives the offset "
+        "between that clock and the recording's (--clock-event=-3,120 for a negative time)",
     )
     parser.add_argument('--config', type=Path, help='parameter file of the nodes (YAML)')
     parser.add_argument(
@@ -101,7 +111,7 @@ def read_inputs(args: argparse.Namespace) -> Inputs:
     if args.learned is not None:
         files['learned'] = args.learned
         learned = read_learned_line(args.learned)
-    return Inputs(recording, design, config, markers, files, learned)
+    return Inputs(recording, design, config, markers, files, learned, args.clock_event)
 
 
 def beside(bag: Path, name: str) -> Path | None:
@@ -193,3 +203,13 @@ def _remapping(text: str) -> tuple[str, str]:
     if not sign or not name or not topic:
         raise argparse.ArgumentTypeError(f'{text!r} is not from:=to')
     return name, topic
+
+
+def _clock_event(text: str) -> tuple[float, float]:
+    try:
+        time_s, chainage_m = (float(part) for part in text.split(','))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not TIME_S,CHAINAGE_M') from None
+    if not (math.isfinite(time_s) and math.isfinite(chainage_m)):
+        raise argparse.ArgumentTypeError(f'{text!r}: both must be finite')
+    return time_s, chainage_m
