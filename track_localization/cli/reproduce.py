@@ -9,23 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from coaster_localization.methods import METHODS
-from track_localization.cli import reproduce_goals, reproduce_tables
+from track_localization.cli import reproduce_goals, reproduce_tables, reproduce_track
 from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps
-from track_localization.cli.common import guarded, say
-from track_localization.cli.progress import Progress
+from track_localization.cli.common import guarded
 from track_localization.cli.reproduce_goals import Rides
 from track_localization.cli.reproduce_rides import (
     SMALL_MOUNT,
     Ride,
     Task,
     code_fingerprint,
-    kept_rides,
-    run_rides,
+    gather,
     scenarios,
 )
-from track_localization.errors import DataError
 from track_localization.evaluation import plots_sweeps, provenance
-from track_localization.evaluation.tabulate import Table
 from track_localization.sim.coaster import TRACKS
 
 SYSTEMS = ('coaster',)
@@ -38,49 +34,79 @@ SWEPT_SEEDS = 2
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse arguments, run the rides, print the tables; return the exit code."""
-    args = make_parser().parse_args(argv)
-    return guarded(lambda: run(args))
+    args = parse(argv)
+    return guarded(lambda: reproduce_track.run(args) if args.track_filter else run(args))
+
+
+def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
+    """Parse arguments; what is not given becomes what the exam asked for has."""
+    parser = make_parser()
+    args = parser.parse_args(argv)
+    own = {
+        'seeds': reproduce_track.EXAM_SEEDS,
+        'tracks': reproduce_track.EXAM_TRACKS,
+        'scenario_seeds': reproduce_track.SCENARIO_SEEDS,
+        'starts': reproduce_track.STARTS,
+        'output': Path('reproduce', 'track_filter'),
+    }
+    papers = {
+        'seeds': EXAM_SEEDS,
+        'tracks': tuple(t for t in TRACKS if t not in NOT_EXAMINED),
+        'methods': METHODS,
+        'scenario': 'nominal',
+        'no_sweeps': False,
+        'output': Path('reproduce'),
+    }
+    mine, others = (own, papers) if args.track_filter else (papers, own)
+    for name in others.keys() - mine.keys():
+        if getattr(args, name) is not None:
+            verb = 'does not go' if args.track_filter else 'goes only'
+            parser.error(f'--{name.replace("_", "-")} {verb} with --track-filter')
+    for name, value in mine.items():
+        if getattr(args, name) is None:
+            setattr(args, name, value)
+    return args
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    tracks = tuple(t for t in TRACKS if t not in NOT_EXAMINED)
     parser = argparse.ArgumentParser(
         prog='reproduce',
         description="Simulate rides, run every method, print the paper's figures beside ours and "
         'whether the goals are met. Rides are kept: a second run prints from them.',
     )
     parser.add_argument('system', choices=SYSTEMS)
-    parser.add_argument('--seeds', type=_seeds, default=EXAM_SEEDS, metavar='A:B', help='1000:1020')
-    parser.add_argument('--tracks', type=_list_of(TRACKS), default=tracks, metavar='A,B')
-    parser.add_argument('--methods', type=_list_of(METHODS), default=METHODS, metavar='A,B')
-    parser.add_argument('--scenario', choices=scenarios(), default='nominal')
+    parser.add_argument(
+        '--seeds', type=_seeds, metavar='A:B', help='1000:1020; of the track filter 2000:2020'
+    )
+    parser.add_argument('--tracks', type=_list_of(TRACKS), metavar='A,B')
+    parser.add_argument('--methods', type=_list_of(METHODS), metavar='A,B')
+    parser.add_argument('--scenario', choices=scenarios(), help='nominal')
     parser.add_argument('--jobs', type=int, default=2, help='worker processes (2)')
-    parser.add_argument('--no-sweeps', action='store_true', help='without Figures 14 and 15')
+    parser.add_argument(
+        '--no-sweeps', action='store_true', default=None, help='without Figures 14 and 15'
+    )
     parser.add_argument(
         '--reprint', action='store_true', help='print from the rides kept, whatever code made them'
     )
-    parser.add_argument('--output', type=Path, default=Path('reproduce'), metavar='DIR')
+    parser.add_argument('--output', type=Path, metavar='DIR', help='reproduce')
+    track = parser.add_argument_group('the track filter')
+    track.add_argument(
+        '--track-filter',
+        action='store_true',
+        help="the track filter's own exam: nominal rides, every scenario, starts during the ride",
+    )
+    track.add_argument(
+        '--scenario-seeds', type=_count, metavar='N', help='seeds of every other scenario (5)'
+    )
+    track.add_argument('--starts', type=_count, metavar='N', help='starts during the ride (200)')
     return parser
 
 
 def run(args: argparse.Namespace) -> None:
     """Run or read the rides, then print and write the tables."""
-    tasks, folder = make_tasks(args), args.output / 'rides'
-    code = code_fingerprint()
-    rides, left = kept_rides(tasks, folder, None if args.reprint else code)
-    if args.reprint:
-        if not rides:
-            raise DataError(f'{folder}: no rides are kept there; run without --reprint first')
-        say(f'{len(rides)} rides kept in {folder}, {len(left)} missing')
-    else:
-        say(f'{len(left)} rides to run, {len(rides)} kept in {folder}')
-        with Progress(len(left), 'rides', quiet_s=10.0) as progress:
-            for ride in run_rides(left, folder, args.jobs, code):
-                rides.append(ride)
-                progress.done()
-                progress.bar(f'{ride.scenario} {ride.track} {ride.seed}')
-    publish(args, rides)
+    tasks, code = make_tasks(args), code_fingerprint()
+    publish(args, gather(tasks, args.output / 'rides', args.jobs, args.reprint, code))
 
 
 def make_tasks(args: argparse.Namespace) -> list[Task]:
@@ -123,16 +149,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
         *reproduce_tables.rides_note(rides),
         f'Commit {provenance.commit()}, code {code_fingerprint()}.',
     ]
-    print('\n\n'.join([*(table.text() for table in tables.values()), '\n'.join(said)]))
-    _write(args.output, tables, said)
-
-
-def _write(folder: Path, tables: dict[str, Table], said: Sequence[str]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    parts = [table.markdown() for table in tables.values()] + ['  \n'.join(said)]
-    (folder / 'reproduce.md').write_text('\n\n'.join(parts) + '\n', encoding='utf-8')
-    for name, table in tables.items():
-        (folder / f'{name}.csv').write_text(table.csv(), encoding='utf-8')
+    reproduce_tables.show(args.output, tables, said)
 
 
 def _draw(folder: Path, sweeps: Sweeps) -> None:
@@ -158,6 +175,12 @@ def _seeds(text: str) -> range:
     if not seeds or seeds.start < 0:
         raise argparse.ArgumentTypeError(f'{text!r}: no seeds in it')
     return seeds
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} is not a count')
+    return int(text)
 
 
 def _list_of(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:

@@ -126,7 +126,7 @@ def _matching(nominal: Rides) -> list[Goal]:
             'srdtw_z at markers, median over rides',
             '<= 0.46 m',
             f'{z:.3f} m (mean {nominal.mean("srdtw_z"):.3f}; the paper 0.445)',
-            _at_most(z, 0.46),
+            at_most(z, 0.46),
         ),
         Goal(
             'srdtw_z better than dtw_z, median of every track',
@@ -134,9 +134,7 @@ def _matching(nominal: Rides) -> list[Goal]:
             'worse: ' + '; '.join(worse) if worse else f'all {len(nominal.tracks)}',
             not worse if nominal.all else None,
         ),
-        Goal(
-            'srdtw_multi at markers, median', '<= 0.30 m', f'{multi:.3f} m', _at_most(multi, 0.30)
-        ),
+        Goal('srdtw_multi at markers, median', '<= 0.30 m', f'{multi:.3f} m', at_most(multi, 0.30)),
         Goal(
             'dtw_penalised beside it; the better one is the default front end',
             'default = better',
@@ -165,25 +163,25 @@ def _fused(nominal: Rides, small_mount: Rides) -> list[Goal]:
             f'eskf_smoothed at markers, median ({which})',
             '<= 0.24 m',
             f'{smoothed:.3f} m (all nominal rides: {everywhere:.3f})',
-            _at_most(smoothed, 0.24),
+            at_most(smoothed, 0.24),
         ),
         Goal(
             'the same over the matching it was fed, medians of those rides',
             '<= 0.55',
             f'{ratio:.2f} (match {fed:.3f} m; median of the ratios {each:.2f})',
-            _at_most(ratio, 0.55),
+            at_most(ratio, 0.55),
         ),
         Goal(
             'eskf_smoothed over that matching, medians of any track, all rides',
             '<= 1.05',
             f'{worst:.2f} at worst ({where})',
-            _at_most(worst, 1.05),
+            at_most(worst, 1.05),
         ),
         Goal(
             'eskf_live over the ride: mean of a ride, median over rides',
             '<= 1.5 m',
             f'{live:.2f} m (mean over rides {nominal.mean("eskf_live", "position_m.mean"):.2f})',
-            _at_most(live, 1.5),
+            at_most(live, 1.5),
         ),
     ]
 
@@ -266,5 +264,6 @@ def _findings(nominal: Rides) -> list[Goal]:
     ]
 
 
-def _at_most(value: float, limit: float) -> bool | None:
+def at_most(value: float, limit: float) -> bool | None:
+    """Return whether a value keeps within a limit; None where it is not known."""
     return None if np.isnan(value) else bool(value <= limit)

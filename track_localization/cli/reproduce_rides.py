@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing import get_context
@@ -16,10 +17,15 @@ from numpy.typing import NDArray
 import coaster_localization
 import track_localization
 from coaster_localization.config import CoasterConfig
-from coaster_localization.methods import run_methods
-from track_localization.cli import coaster_sweeps
+from coaster_localization.methods import MethodResult, run_methods
+from coaster_localization.track_map import line_map
+from coaster_localization.track_rides import filter_ride
+from track_localization.cli import coaster_sweeps, reproduce_midride
 from track_localization.cli.coaster_results import Reference, figures, floor_figures
+from track_localization.cli.common import say
+from track_localization.cli.progress import Progress
 from track_localization.errors import DataError
+from track_localization.evaluation.metrics import summary
 from track_localization.evaluation.provenance import fingerprint
 from track_localization.settings import override
 from track_localization.sim.coaster import (
@@ -33,6 +39,13 @@ from track_localization.sim.coaster import (
 SMALL_MOUNT = 'mount1'
 SMALL_MOUNT_DEG = 1.0
 """Nominal rides with the mount turned by exactly this about a random axis, as SMALL_MOUNT."""
+
+START_OFF = 'start20'
+START_OFF_M = 20.0
+"""Nominal rides whose track filter is told a start so far ahead, and that it is unsure by that."""
+
+MID_RIDE = 'midride'
+"""Nominal rides that the track filter comes to late; the methods are the starts."""
 
 Figures = dict[str, float | str]
 
@@ -81,14 +94,21 @@ def run_task(task: Task) -> Ride:
             'mount_deg': mount_angle_deg(ride.R_bm),
             'duration_s': float(ride.imu.time_s[-1] - ride.imu.time_s[0]),
         }
-        _run_methods(ride, task, about, methods)
+        if task.scenario == MID_RIDE:
+            config = CoasterConfig().track_filter
+            which = (task.track, task.seed, task.methods)
+            methods |= reproduce_midride.run_starts(ride, *which, config)
+        else:
+            _run_methods(ride, task, about, methods)
     except DataError as error:
         about['failed'] = str(error)
     return Ride(task.track, task.scenario, task.seed, about, methods)
 
 
 def simulation(name: str) -> CoasterSimConfig:
-    """Return the errors of a scenario, SMALL_MOUNT included."""
+    """Return the errors of a scenario, or of the rides that are nominal but for one thing."""
+    if name in (START_OFF, MID_RIDE):
+        return scenario('nominal')
     if name == SMALL_MOUNT:
         changes = {'imu.mount': 'angle', 'imu.mount_angle_deg': SMALL_MOUNT_DEG}
         return override(scenario('nominal'), changes)
@@ -96,7 +116,7 @@ def simulation(name: str) -> CoasterSimConfig:
 
 
 def scenarios() -> tuple[str, ...]:
-    """Return the names that ``simulation`` knows."""
+    """Return the names of the scenarios that every method can be run on."""
     return (*SCENARIOS, SMALL_MOUNT)
 
 
@@ -115,9 +135,31 @@ def code_fingerprint() -> str:
             *(p for p in sorted(system.glob('*.py'))),
             *(shared / room for room in ('estimation', 'track', 'sim')),
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'interpolation')),
-            *(here / f'{n}.py' for n in ('coaster_results', 'coaster_sweeps', 'reproduce_rides')),
+            *(here / f'{n}.py' for n in ('coaster_results', 'coaster_sweeps')),
+            *(here / f'reproduce_{n}.py' for n in ('rides', 'midride')),
         ]
     )
+
+
+def gather(tasks: Sequence[Task], folder: Path, jobs: int, reprint: bool, code: str) -> list[Ride]:
+    """
+    Return the rides, those that are kept in ``folder`` and the others run now, ``jobs`` at a time.
+
+    With ``reprint`` nothing is run, and rides serve that another code has made.
+    """
+    rides, left = kept_rides(tasks, folder, None if reprint else code)
+    if reprint:
+        if not rides:
+            raise DataError(f'{folder}: no rides are kept there; run without --reprint first')
+        say(f'{len(rides)} rides kept in {folder}, {len(left)} missing')
+        return rides
+    say(f'{len(left)} rides to run, {len(rides)} kept in {folder}')
+    with Progress(len(left), 'rides', quiet_s=10.0) as progress:
+        for ride in run_rides(left, folder, jobs, code):
+            rides.append(ride)
+            progress.done()
+            progress.bar(f'{ride.scenario} {ride.track} {ride.seed}')
+    return rides
 
 
 def kept_rides(
@@ -172,10 +214,12 @@ def read_ride(path: Path, task: Task, code: str | None) -> Ride | None:
 
 
 def flat(content: Mapping[str, Any], prefix: str = '') -> Figures:
-    """Return nested figures under dotted names."""
+    """Return nested figures under dotted names, elements of a list by their number."""
     out: Figures = {}
     for name, value in content.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, list):
+            out |= flat({str(k): element for k, element in enumerate(value)}, f'{prefix}{name}.')
+        elif isinstance(value, Mapping):
             out |= flat(value, f'{prefix}{name}.')
         else:
             out[prefix + name] = value if isinstance(value, str) else float(value)
@@ -196,9 +240,17 @@ def _run_methods(
     reference = Reference.of(ride.truth, ride.design, ride.markers.time_s, ride.markers.position)
     about |= flat(floor_figures(reference), 'floor.')
     matches = {}
-    for result in run_methods(ride.imu, ride.design, config, task.methods):
+    if task.scenario == START_OFF:
+        results = _run_off(ride, config, task.methods)
+    else:
+        results = run_methods(ride.imu, ride.design, config, task.methods)
+    element_s = reproduce_midride.time_turned(ride.imu, reproduce_midride.ELEMENT_RAD)
+    later = ride.markers.time_s >= element_s
+    for result in results:
         duration_s = float(about['duration_s'])
         methods[result.name] = flat(figures(result, reference, duration_s))
+        after = summary(reference.markers(result.trajectory).design[later])
+        methods[result.name] |= flat(after, 'markers_after_element_m.')
         if result.match is not None:
             matches[result.name] = result.match
     if task.sweep:
@@ -206,6 +258,25 @@ def _run_methods(
             ride.imu, ride.design, config, matches, reference, lambda _: None
         )
         about |= flat(coaster_sweeps.as_figures(sweeps), 'sweep.')
+
+
+def _run_off(
+    ride: SimulatedRide, config: CoasterConfig, methods: Sequence[str]
+) -> Iterator[MethodResult]:
+    """Run the track filter with a start that is START_OFF_M off, as far as it is said unsure."""
+    settings = override(config.track_filter, {'start_sigma_m': START_OFF_M})
+    start_m = float(ride.design.chainage[0]) + START_OFF_M
+    filtered = filter_ride(ride.imu, line_map(ride.design, settings), start_m, settings)
+    outputs = {
+        'track_filter': filtered.live,
+        'track_filter_lag': filtered.lagged,
+        'track_filter_smoothed': filtered.smoothed,
+    }
+    for name in methods:
+        begin = time.perf_counter()
+        trajectory = outputs[name]()
+        runtime = {'filter': filtered.runtime_s, 'output': time.perf_counter() - begin}
+        yield MethodResult(name, trajectory, None, None, filtered.rejected, runtime)
 
 
 def _pool(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Ride]]:

@@ -96,6 +96,7 @@ SCENARIOS: Mapping[str, Mapping[str, Any]] = {
     'mount0': {'imu.mount_sigma_deg': 0.0},
     'mount8': {'imu.mount': 'angle', 'imu.mount_angle_deg': 8.0},
     'mount20': {'imu.mount': 'angle', 'imu.mount_angle_deg': 20.0},
+    'mount90': {'imu.mount': 'angle', 'imu.mount_angle_deg': 90.0},
     'mountany': {'imu.mount': 'any'},
     'dwell0': {'ride.dwell_before_s': (0.0, 0.0)},
     'dwell120': {'ride.dwell_before_s': (120.0, 120.0)},

@@ -165,7 +165,7 @@ def test_a_kept_ride_is_read_back_unless_the_code_changed(tmp_path, good):
 
 
 def test_exam_seeds_are_the_default_and_sweeps_are_few():
-    args = reproduce.make_parser().parse_args(['coaster'])
+    args = reproduce.parse(['coaster'])
     tasks = reproduce.make_tasks(args)
     nominal = [t for t in tasks if t.scenario == 'nominal']
     small = [t for t in tasks if t.scenario == SMALL_MOUNT]
