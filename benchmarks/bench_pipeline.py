@@ -14,6 +14,9 @@ from coaster_localization.config import CoasterConfig, EskfConfig
 from coaster_localization.methods import METHODS, observations, run_methods
 from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.smoothing import run_filter
+from coaster_localization.track_config import TrackFilterConfig
+from coaster_localization.track_filter import CoasterTrackFilter
+from coaster_localization.track_map import line_map
 from track_localization.estimation.imu import clean
 from track_localization.evaluation.tabulate import Table
 from track_localization.sim.coaster import SimulatedRide, scenario, simulate_coaster
@@ -44,8 +47,14 @@ def step_table(ride: SimulatedRide) -> Table:
         filter_ = CoasterEskf(ride.design, EskfConfig())
         begin = time.perf_counter()
         run_filter(filter_, imu, feed)
-        rows.append([label, 1e6 * (time.perf_counter() - begin) / len(imu)])
-    return Table('ESKF, per IMU sample', ['', 'us'], rows)
+        rows.append(['ESKF, ' + label, 1e6 * (time.perf_counter() - begin) / len(imu)])
+    line = line_map(ride.design, TrackFilterConfig())
+    track = CoasterTrackFilter(line, float(ride.design.chainage[0]), TrackFilterConfig())
+    begin = time.perf_counter()
+    for i in range(len(imu)):
+        track.push(imu.sample(i))
+    rows.append(['track filter', 1e6 * (time.perf_counter() - begin) / len(imu)])
+    return Table('Filters, per IMU sample', ['', 'us'], rows)
 
 
 def main() -> None:
