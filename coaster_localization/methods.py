@@ -65,6 +65,8 @@ class MethodResult:
         rejected: refused measurements, sensor -> reason -> count.
         runtime_s: seconds spent by stage.
         notes: what a reader should know (fallbacks, doubts).
+        mount: how the sensor sits in the body as found (``mount_rpy_deg`` as given included):
+            R_bm (3, 3) and its standard deviation per axis [rad]; None where it is not estimated.
     """
 
     name: str
@@ -74,6 +76,7 @@ class MethodResult:
     rejected: dict[str, dict[str, int]]
     runtime_s: dict[str, float]
     notes: tuple[str, ...] = ()
+    mount: tuple[Array, float] | None = None
 
 
 def run_methods(
@@ -276,4 +279,6 @@ class _Runner:
         }[name]()
         stage = 'output' if name == 'track_filter' else 'smoothing'
         runtime = {'filter': ride.runtime_s, stage: time.perf_counter() - begin}
-        return MethodResult(name, trajectory, None, None, ride.rejected, runtime)
+        R_left, sigma = ride.mount
+        mount = R_left @ so3.matrix_from_rpy(*np.deg2rad(self.config.mount_rpy_deg)), sigma
+        return MethodResult(name, trajectory, None, None, ride.rejected, runtime, mount=mount)

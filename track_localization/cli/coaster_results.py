@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coaster_localization.matching import Match
 from coaster_localization.methods import MethodResult
+from track_localization.estimation import so3
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.clock import fit_clock_offset
 from track_localization.evaluation.metrics import (
@@ -91,6 +92,10 @@ def figures(result: MethodResult, reference: Reference, duration_s: float) -> di
     out |= marker_figures(at_markers, floor)
     if len(at_markers.design):
         out |= _clock(result.trajectory, reference)
+    if result.mount is not None:
+        R_bm, sigma = result.mount
+        out['mount_rpy_deg'] = list(rpy_deg(R_bm))
+        out['mount_sigma_deg'] = float(np.rad2deg(sigma))
     if result.match is not None:
         out |= {'match': _match_figures(result.match, reference)}
         if result.fed_by is not None:
@@ -146,6 +151,18 @@ def match_trajectory(match: Match) -> Trajectory:
     )
 
 
+def rpy_deg(R_bm: Array) -> tuple[float, float, float]:
+    """
+    Return roll, pitch, yaw [deg] of a mount (3, 3) as ``mount_rpy_deg`` takes them.
+
+    At a pitch of +-90 deg roll and yaw turn about one axis: all of it is given as roll.
+    """
+    yaw, pitch, roll = (float(angle) for angle in so3.euler_zyx(R_bm))
+    if np.hypot(R_bm[0, 0], R_bm[1, 0]) < 1e-6:
+        yaw, roll = 0.0, float(np.arctan2(-R_bm[1, 2], R_bm[1, 1]))
+    return float(np.rad2deg(roll)), float(np.rad2deg(pitch)), float(np.rad2deg(yaw))
+
+
 def _match_figures(match: Match, reference: Reference) -> dict[str, float]:
     """Return how gross mismatches were flagged and covered, over the moving ride."""
     out = {'flagged_share': float(match.flagged.mean())}
@@ -188,12 +205,13 @@ def _ratios(own: dict[str, Any], fed: dict[str, Any]) -> dict[str, float]:
 
 
 def _clock(estimate: Trajectory, reference: Reference) -> dict[str, float]:
-    offset, left = fit_clock_offset(estimate, reference.marker_time_s, reference.marker_position)
-    if not np.isfinite(offset):
+    clock = fit_clock_offset(estimate, reference.marker_time_s, reference.marker_position)
+    if not np.isfinite(clock.offset_s):
         return {}
     return {
-        'markers_clock_offset_s': offset,
-        'markers_after_offset_mean_m': float(np.nanmean(left)),
+        'markers_clock_offset_s': clock.offset_s,
+        'markers_clock_offset_sigma_s': clock.sigma_s,
+        'markers_after_offset_mean_m': float(np.nanmean(clock.distance)),
     }
 
 

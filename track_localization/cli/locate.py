@@ -13,7 +13,10 @@ import numpy as np
 from coaster_localization.methods import METHODS, MethodResult, run_methods
 from track_localization.cli import coaster_inputs
 from track_localization.cli.common import guarded, say
+from track_localization.cli.evaluate_notes import clock_offset, mount_note
+from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
+from track_localization.evaluation.clock import TWO_SIDED_95, ClockOffset, fit_clock_offset
 from track_localization.evaluation.interpolation import at_times
 from track_localization.evaluation.tabulate import Table
 from track_localization.io.tables import Events, Markers, read_events, write_table
@@ -21,7 +24,9 @@ from track_localization.io.tables import Events, Markers, read_events, write_tab
 PREFERENCE = ('track_filter_smoothed', 'eskf_smoothed', 'eskf', 'dtw_penalised')
 """Methods, the most accurate first; the first that exists is used."""
 
-TWO_SIDED_95 = 1.96
+REACH_S = 60.0
+"""Clocks further apart than this are not brought together by markers [s]."""
+SAME_CLOCK = ClockOffset(0.0, 0.0, np.empty(0))
 COLUMNS = (
     *('time_s', 'name', 'x_m', 'y_m', 'z_m', 'chainage_m', 'chainage_95_m'),
     *('nearest_marker', 'marker_distance_m', 'remark'),
@@ -56,7 +61,10 @@ class Place:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse arguments, locate, print; return the exit code."""
-    args = make_parser().parse_args(argv)
+    parser = make_parser()
+    args = parser.parse_args(argv)
+    if args.clock_from_markers and args.clock_event is not None:
+        parser.error('give --clock-event or --clock-from-markers, not both')
     return guarded(lambda: run(args))
 
 
@@ -70,7 +78,15 @@ def make_parser() -> argparse.ArgumentParser:
     )
     coaster_inputs.add_arguments(parser)
     parser.add_argument(
-        '--events', type=Path, required=True, help="time_s,name in the recording's clock"
+        '--events',
+        type=Path,
+        required=True,
+        help="time_s,name in the recording's clock, or the ground's with one of --clock-...",
+    )
+    parser.add_argument(
+        '--clock-from-markers',
+        action='store_true',
+        help="times of events are of the markers' clock: fit its offset to markers.csv",
     )
     parser.add_argument('--method', choices=METHODS, default=methods[0])
     parser.add_argument('--output', type=Path, metavar='CSV', help='write the places here too')
@@ -94,16 +110,30 @@ def run(args: argparse.Namespace) -> None:
     result: MethodResult = next(iter(results))
     for note in result.notes:
         say(note)
-    places = locate(result.trajectory, events, inputs.markers)
+    if result.mount is not None:
+        say(mount_note(result.mount))
+    clock = _clock(result, inputs, args.clock_from_markers)
+    places = locate(result.trajectory, events, inputs.markers, clock)
     print(as_table(places).text())
     if args.output is not None:
         write_table(args.output, COLUMNS, [_row(place) for place in places])
 
 
-def locate(trajectory: Trajectory, events: Events, markers: Markers | None = None) -> list[Place]:
-    """Return the place of each event, in the order of ``events``."""
-    there = at_times(trajectory, events.time_s)
-    first, last = float(trajectory.time_s[0]), float(trajectory.time_s[-1])
+def locate(
+    trajectory: Trajectory,
+    events: Events,
+    markers: Markers | None = None,
+    clock: ClockOffset = SAME_CLOCK,
+) -> list[Place]:
+    """
+    Return the place of each event, in the order of ``events``.
+
+    ``clock`` takes their times to the recording's clock; its uncertainty goes into the interval.
+    """
+    offset = clock.offset_s
+    there = at_times(trajectory, events.time_s + offset)
+    half_width = _half_width(there, clock.sigma_s)
+    first, last = float(trajectory.time_s[0]) - offset, float(trajectory.time_s[-1]) - offset
     places = []
     for i, (time_s, name) in enumerate(zip(events.time_s.tolist(), events.name, strict=True)):
         position = there.position[i]
@@ -119,9 +149,7 @@ def locate(trajectory: Trajectory, events: Events, markers: Markers | None = Non
                 name,
                 (float(position[0]), float(position[1]), float(position[2])),
                 math.nan if there.chainage is None else float(there.chainage[i]),
-                math.nan
-                if there.sigma_along is None
-                else TWO_SIDED_95 * float(there.sigma_along[i]),
+                float(half_width[i]),
                 marker,
                 distance,
                 remark,
@@ -144,6 +172,38 @@ def as_table(places: Sequence[Place]) -> Table:
         near = f'{p.marker_distance:.1f} m from {p.marker}' if p.marker else ''
         rows.append((f'{p.time_s:.3f}', p.name, *(f'{v:.2f}' for v in p.position), along, near))
     return Table('places (+- 95 %)', columns, rows)
+
+
+def _clock(result: MethodResult, inputs: coaster_inputs.Inputs, by_markers: bool) -> ClockOffset:
+    """Return the offset of the events' clock as the arguments ask, and say what it is."""
+    if inputs.clock_event is not None:
+        clock, sentence = clock_offset(result.trajectory, inputs.clock_event, result.name)
+        say(sentence)
+        return clock
+    if not by_markers:
+        return SAME_CLOCK
+    markers = inputs.markers
+    if markers is None:
+        raise DataError('--clock-from-markers: no markers.csv beside the bag; name it by --markers')
+    clock = fit_clock_offset(result.trajectory, markers.time_s, markers.position, REACH_S)
+    if not np.isfinite(clock.offset_s + clock.sigma_s):
+        raise DataError(
+            f'--clock-from-markers: no offset within {REACH_S:.0f} s brings the ride to '
+            f'{len(markers)} markers; three at least must be passed, at speed. One known event '
+            'does as well: --clock-event'
+        )
+    side, left = 'behind' if clock.offset_s > 0 else 'ahead of', float(np.nanmedian(clock.distance))
+    said = dataclasses.replace(clock, offset_s=abs(clock.offset_s)).text()
+    say(f"the markers' clock is {said} {side} the recording's; they are then {left:.2f} m off")
+    return clock
+
+
+def _half_width(there: Trajectory, clock_sigma_s: float) -> np.ndarray:
+    """Return the half widths (K,) [m] of the intervals along the track, the clock's part too."""
+    if there.sigma_along is None:
+        return np.full(len(there), math.nan)
+    by_clock = np.zeros(len(there)) if there.speed is None else there.speed * clock_sigma_s
+    return np.asarray(TWO_SIDED_95 * np.hypot(there.sigma_along, by_clock))
 
 
 def _nearest(position: np.ndarray, markers: Markers | None) -> tuple[str, float]:

@@ -7,7 +7,14 @@ import pytest
 
 from coaster_localization.matching import Match
 from coaster_localization.methods import MethodResult
-from track_localization.cli.coaster_results import Reference, figures, floor_figures, table
+from track_localization.cli.coaster_results import (
+    Reference,
+    figures,
+    floor_figures,
+    rpy_deg,
+    table,
+)
+from track_localization.estimation import so3
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.design_ride import DesignRide
 
@@ -88,7 +95,22 @@ def test_figures_of_a_fused_method(design, reference):
     assert out['stages'] == runtime
     assert out['rejected'] == {'match': {'gate': 3}}
     assert out['markers_clock_offset_s'] == pytest.approx(-0.05, abs=0.0015)
+    assert 0.0 < out['markers_clock_offset_sigma_s'] < 0.02
     assert 'nees_mean' not in out
+    assert 'mount_rpy_deg' not in out
+
+
+@pytest.mark.parametrize('rpy', [(10.0, -20.0, 170.0), (30.0, 90.0, 0.0), (-50.0, -90.0, 0.0)])
+def test_a_found_mount_is_told_as_parameter_files_take_it(design, reference, rpy):
+    R_bm = so3.matrix_from_rpy(*np.deg2rad(rpy))
+    trajectory = Trajectory(design.time_s, design.position)
+    result = MethodResult(
+        'track_filter', trajectory, None, None, {}, {'filter': 1.0}, (), (R_bm, np.deg2rad(0.2))
+    )
+    out = figures(result, reference, 40.0)
+    assert out['mount_rpy_deg'] == pytest.approx(rpy, abs=1e-6)
+    assert out['mount_sigma_deg'] == pytest.approx(0.2)
+    assert rpy_deg(R_bm @ so3.matrix_from_rpy(0.0, 0.0, 0.0)) == pytest.approx(rpy, abs=1e-6)
 
 
 def test_gross_mismatches_are_counted_by_flag_and_by_sigma(design, reference):

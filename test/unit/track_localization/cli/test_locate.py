@@ -1,10 +1,13 @@
 """Event times to places, on a trajectory made by hand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from track_localization.cli.locate import as_table, locate, main
 from track_localization.estimation.trajectory import Trajectory
+from track_localization.evaluation.clock import ClockOffset
 from track_localization.io.tables import Events, Markers
 
 
@@ -47,6 +50,33 @@ def test_events_outside_are_said_and_the_others_answered(ride):
     lines = as_table([early, good]).text().splitlines()
     assert lines[-2].endswith('s)')
     assert '27.00' in lines[-1]
+
+
+def test_events_of_another_clock_are_moved_and_their_interval_grows(ride):
+    """The ground's clock is 98.67 s behind, known to 40 ms: 0.4 m at 10 m/s beside 0.5 m."""
+    clock = ClockOffset(98.67, 0.04, np.empty(0))
+    moving = dataclasses.replace(ride, speed=np.full(len(ride), 10.0))
+    bang, late = locate(moving, Events(np.array([2.66, 50.0]), ('bang', 'late')), None, clock)
+    assert bang.time_s == 2.66
+    assert bang.chainage == pytest.approx(20.3)
+    assert bang.half_width == pytest.approx(1.96 * np.hypot(0.5, 0.4))
+    assert 'outside the recording (1.33 to 13.23 s)' in late.remark
+
+
+def test_two_ways_to_the_clock_exit_with_2(capsys):
+    arguments = ['somewhere', '--events', 'e.csv', '--clock-from-markers', '--clock-event', '1,2']
+    with pytest.raises(SystemExit) as error:
+        main(arguments)
+    assert error.value.code == 2
+    assert 'not both' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text', ['1', '1,2,3', 'a,b', 'nan,3'])
+def test_a_clock_event_that_is_none_exits_with_2(text, capsys):
+    with pytest.raises(SystemExit) as error:
+        main(['somewhere', '--events', 'e.csv', '--clock-event', text])
+    assert error.value.code == 2
+    assert '--clock-event' in capsys.readouterr().err
 
 
 def test_wrong_usage_exits_with_2(capsys):
