@@ -63,9 +63,9 @@ def fit_clock_offset(
 
     The mean distance, which a few wrong markers do not move, is searched on grids within
     ``reach_s``; from its least value Gauss-Newton steps with Tukey's weights go on, on what is
-    left along the direction of travel. Sigma is that of the last step's normal equations, with
-    the residuals' own scatter, but not less than the estimate itself claims along the track. An
-    error that all markers share (an estimate that lags) cannot be told from an offset.
+    left along the direction of travel. Sigma is that of the last step's normal equations with
+    the residuals' own scatter, and what the estimate claims to be off along the track: its errors
+    go on from marker to marker, and one that all share cannot be told from an offset.
 
     NaN where the estimate covers fewer than three markers, or where the reach ends first.
     """
@@ -158,8 +158,8 @@ def _robust_step(y: Array, x: Array, claimed: bool) -> tuple[float, float]:
     """
     Solve y = x b with the biweight from b = 0; return b and its sigma.
 
-    ``y`` and ``x`` (K,) are in units of the claimed sigma when there is one: the scale, which the
-    scatter gives, then does not go below one for the sigma.
+    ``y`` and ``x`` (K,) are in units of the claimed sigma when there is one: what an error of one
+    claimed sigma at all markers would do to b is then part of the result's sigma.
     """
     n = len(y)
     # Few residuals about their own fit are smaller than the errors (Croux and Rousseeuw 1992).
@@ -180,8 +180,9 @@ def _robust_step(y: Array, x: Array, claimed: bool) -> tuple[float, float]:
         return step, float('nan')
     correction = 1.0 + float(slope.var()) / (n * mean**2)
     scatter = correction * np.sqrt(float((psi**2).sum()) / (n - 1.0)) / mean
-    scatter = max(scatter, 1.0) if claimed else scatter
-    return step, float(scatter / np.sqrt((x**2).sum()))
+    sigma = scatter / np.sqrt(float((x**2).sum()))
+    shared = float((weight * x).sum()) / information if claimed else 0.0
+    return step, float(np.hypot(sigma, shared))
 
 
 def _velocity(estimate: Trajectory, time_s: Array, half_s: float = 0.05) -> Array:
