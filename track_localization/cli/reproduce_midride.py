@@ -38,6 +38,9 @@ NEAR_M = 1.0
 CONFIDENT = 5.0
 """An error beyond so many sigmas is a confident wrong answer, if it is not near."""
 
+BROKEN = (ArithmeticError, np.linalg.LinAlgError)
+"""What a filter may break down with; an exam counts that and goes on."""
+
 PREFIX = 'start_'
 
 
@@ -52,6 +55,7 @@ class Answers:
         sigma: (K,) claimed along the line [m].
         cpu_s: processor time spent on the recording's rest [s].
         ride_s: duration of that rest [s].
+        broken: what the filter broke down with; nothing was said after that.
     """
 
     time_s: Array
@@ -59,6 +63,7 @@ class Answers:
     sigma: Array
     cpu_s: float
     ride_s: float
+    broken: str = ''
 
 
 def names(count: int) -> tuple[str, ...]:
@@ -109,13 +114,17 @@ def listen(
     """Feed a new filter and hold what it says against the truth."""
     filter_ = CoasterTrackFilter(line, start_m, config)
     states: list[TrackState] = []
+    broken = ''
     begin = time.process_time()
-    for i in range(len(imu)):
-        states += filter_.push(imu.sample(i))[-1:]
+    try:
+        for i in range(len(imu)):
+            states += filter_.push(imu.sample(i))[-1:]
+    except BROKEN as reason:
+        broken = f'{type(reason).__name__}: {reason}'
     cpu_s = time.process_time() - begin
     ride_s = float(imu.time_s[-1] - imu.time_s[0])
     if not states:
-        return Answers(np.empty(0), np.empty(0), np.empty(0), cpu_s, ride_s)
+        return Answers(np.empty(0), np.empty(0), np.empty(0), cpu_s, ride_s, broken)
     said = to_trajectory(
         np.array([s.time_s for s in states]),
         np.array([s.x for s in states]),
@@ -126,7 +135,7 @@ def listen(
     error = np.linalg.norm(said.position - truth.position_at(said.time_s), axis=1)
     sigma = np.asarray(said.sigma_along)
     known = np.isfinite(error)
-    return Answers(said.time_s[known], error[known], sigma[known], cpu_s, ride_s)
+    return Answers(said.time_s[known], error[known], sigma[known], cpu_s, ride_s, broken)
 
 
 def figures(answers: Answers, told_s: float, end_s: float) -> dict[str, float | str]:
@@ -141,7 +150,8 @@ def figures(answers: Answers, told_s: float, end_s: float) -> dict[str, float | 
     ``told`` is 1 where that was ``JUDGED_S`` before the end, and only then ``error_m`` (median
     over that time, absent where the filter said nothing), ``near``, and ``wrong_after``, whether
     there was a confident wrong answer from then on. ``wrong_ever`` and ``wrong_s`` are of all the
-    time, ``answered_s`` is how long the filter said something.
+    time, ``answered_s`` is how long the filter said something. A filter that broke down has
+    ``broken``, and is not near.
     """
     wrong = (answers.error > CONFIDENT * answers.sigma) & (answers.error > NEAR_M)
     step = np.diff(answers.time_s, append=answers.time_s[-1:])
@@ -154,12 +164,14 @@ def figures(answers: Answers, told_s: float, end_s: float) -> dict[str, float | 
         'cpu_s': answers.cpu_s,
         'ride_s': answers.ride_s,
     }
+    if answers.broken:
+        out['broken'] = answers.broken
     if told:
         judged = (answers.time_s >= told_s) & (answers.time_s < told_s + JUDGED_S)
         median = float(np.median(answers.error[judged])) if judged.any() else float('inf')
         out |= {
             'told_s': told_s,
-            'near': float(median <= NEAR_M),
+            'near': float(median <= NEAR_M and not answers.broken),
             'wrong_after': float(wrong[answers.time_s >= told_s].any()),
         }
         if np.isfinite(median):

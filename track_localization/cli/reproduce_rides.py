@@ -102,6 +102,8 @@ def run_task(task: Task) -> Ride:
             _run_methods(ride, task, about, methods)
     except DataError as error:
         about['failed'] = str(error)
+    except reproduce_midride.BROKEN as error:
+        about['failed'] = f'{type(error).__name__}: {error}'
     return Ride(task.track, task.scenario, task.seed, about, methods)
 
 

@@ -97,6 +97,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride], code: str) -> None:
         f'--scenario-seeds {args.scenario_seeds} --starts {args.starts}, '
         f'tracks {", ".join(args.tracks)}.',
         *reproduce_tables.rides_note(rides),
+        *_broken(exam.mid_ride),
         f'Run times with {args.jobs} jobs on {provenance.machine()["processors"]} processors.',
         f'Commit {provenance.commit()}, code {code}.',
     ]
@@ -201,6 +202,17 @@ def _method_rows(rides: Rides) -> list[tuple[Cell, ...]]:
         values = rides.about(f'floor.{figure}')
         floor.append(float(statistic(values)) if len(values) else None)
     return [*rows, (*floor, None)]
+
+
+def _broken(mid_ride: Sequence[Ride]) -> list[str]:
+    """Return sentences on starts at which the filter broke down."""
+    return [
+        f'broken down: {ride.track} seed {ride.seed}, begun at {start["begin_s"]:.2f} s: '
+        f'{start["broken"]}'
+        for ride in mid_ride
+        for start in ride.methods.values()
+        if 'broken' in start
+    ]
 
 
 def _only(ride: Ride, methods: Sequence[str]) -> Ride:

@@ -63,7 +63,7 @@ def met_late(track: str, seed: int, starts: int) -> Ride:
     )
 
 
-def changed(original: Ride, method: str, **figures: float) -> Ride:
+def changed(original: Ride, method: str, **figures: float | str) -> Ride:
     entry = original.methods[method] | {k.replace('__', '.'): v for k, v in figures.items()}
     return dataclasses.replace(original, methods={**original.methods, method: entry})
 
@@ -173,6 +173,8 @@ def test_answers_are_judged_after_two_elements_and_by_their_sigma():
     nothing = Answers(np.empty(0), np.empty(0), np.empty(0), 1.0, 20.0)
     silent = reproduce_midride.figures(nothing, 6.0, 20.0)
     assert (silent['near'], silent['wrong_ever'], 'error_m' in silent) == (0.0, 0.0, False)
+    broken = dataclasses.replace(answers, broken='ZeroDivisionError: division by zero')
+    assert reproduce_midride.figures(broken, 6.0, 20.0)['near'] == 0.0
 
 
 def test_slow_turning_is_not_an_element():
@@ -204,6 +206,23 @@ def test_a_filter_that_comes_late_says_nothing_at_first_and_finds_the_place():
     assert float(out['cpu_s']) > 0.0
     if out['told']:
         assert float(out['told_s']) >= float(out['begin_s']) + config.seek_after_s
+
+
+def test_a_filter_that_breaks_down_is_counted_and_the_exam_goes_on(monkeypatch):
+    pushed = reproduce_midride.CoasterTrackFilter.push
+
+    def push(self, sample):
+        if self.accepted['imu'] > 600:
+            raise ZeroDivisionError('division by zero')
+        return pushed(self, sample)
+
+    monkeypatch.setattr(reproduce_midride.CoasterTrackFilter, 'push', push)
+    late = run_task(Task('launch', MID_RIDE, 1, ('start_0',)))
+    assert late.methods['start_0']['broken'] == 'ZeroDivisionError: division by zero'
+    assert 0.0 < float(late.methods['start_0']['answered_s']) < 4.0
+    whole = run_task(Task('launch', 'nominal', 1, TRACK_METHODS))
+    assert whole.about['failed'] == 'ZeroDivisionError: division by zero'
+    assert Exam.lost([whole]) == 1
 
 
 def test_a_start_that_is_off_is_told_to_the_filter():
@@ -254,7 +273,7 @@ def test_options_of_the_other_exam_are_wrong_usage(arguments):
 def test_kept_rides_are_printed_again(tmp_path, exam, capsys):
     folder = tmp_path / 'rides'
     folder.mkdir()
-    late = met_late('mine', 0, 5)
+    late = changed(met_late('mine', 0, 5), 'start_1', broken='LinAlgError: singular', begin_s=9.0)
     for kept in [*exam.nominal, *(r for rows in exam.scenarios.values() for r in rows), late]:
         write_ride(folder / f'{kept.scenario}_{kept.track}_{kept.seed}.csv', kept, 'old code')
     options = ['--seeds', '0:2', '--tracks', 'looping,mine', '--starts', '8']
@@ -262,6 +281,7 @@ def test_kept_rides_are_printed_again(tmp_path, exam, capsys):
     assert reproduce.main([*arguments, '--output', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert 'NOT met' not in printed
+    assert 'broken down: mine seed 0, begun at 9.00 s: LinAlgError: singular' in printed
     rows = {line.split()[0]: line.split() for line in printed.splitlines() if line.strip()}
     assert rows['mountany'][1:4] == ['1', '0', '0.300']
     # Five starts were kept and eight over four rides are asked for: two of this one.
