@@ -95,7 +95,7 @@ def test_figures_of_a_fused_method(design, reference):
     assert out['stages'] == runtime
     assert out['rejected'] == {'match': {'gate': 3}}
     assert out['markers_clock_offset_s'] == pytest.approx(-0.05, abs=0.0015)
-    assert 0.0 < out['markers_clock_offset_sigma_s'] < 0.02
+    assert out['markers_clock_offset_sigma_s'] == pytest.approx(0.3 / 10.0, rel=0.1)
     assert 'nees_mean' not in out
     assert 'mount_rpy_deg' not in out
 
