@@ -20,6 +20,7 @@ from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_start import (
     DRIFT,
+    PLACE_ALONE_M,
     Hypotheses,
     at_rest,
     either,
@@ -56,6 +57,8 @@ STATION_SHARE = 0.99
 """Chance that a train which hardly shakes is in the station, against anywhere else."""
 TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
 """How far that is, after a start in the station and after one anywhere [rad]."""
+FASTEST_MPS = 100.0
+"""A hypothesis faster than this has run away."""
 EARLY, WIDER = 0.3, 0.3
 """What is seen of a doubtful start while a few places look alike tells less than it seems: the
 share of its likelihood that counts, and the power of the weights that open the covariance."""
@@ -282,7 +285,9 @@ class CoasterTrackFilter:
             self._standing = TrackState(sample.time_s, start.X[best], start.P[best], lost)
             return [self._standing]
         if self._standing is not None and self._seen is not None:
-            self._begin(waiting[0].time_s, self._leaving(self._seen))
+            known = self._start_sigma <= PLACE_ALONE_M
+            turn = TURN_AT_REST if known else TURN_UNDER_WAY
+            self._begin(waiting[0].time_s, self._leaving(self._seen), turn)
         elif span >= config.seek_after_s:
             self._begin(waiting[0].time_s, self._met(rest), TURN_UNDER_WAY)
         else:
@@ -407,13 +412,21 @@ class CoasterTrackFilter:
 
     def _weigh(self, time_s: float, T: float, share: float) -> None:
         """Compare the hypotheses with each other and with being lost."""
+        alone = len(self.X) == 1
+        sound = np.isfinite(self._log_weight) & (np.abs(self.X[:, 1]) < FASTEST_MPS)
+        sound &= np.isfinite(self.P[:, 0, 0]) & (self.P[:, 0, 0] > 0.0)
+        if not sound.any():
+            self._seek(time_s)
+            return
+        if not sound.all():
+            self._keep(np.flatnonzero(sound))
         self._log_lost += share * line_bank.LOST_LIKELIHOOD
         total = float(np.logaddexp.reduce(np.append(self._log_weight, self._log_lost)))
         self._log_weight -= total
         missed = min(math.exp(self._log_lost - total), 0.9999)
         missed += (1.0 - missed) * line_bank.LOST_RATE * T
         self._log_lost = math.log(max(missed, 1e-6))
-        if len(self.X) == 1:
+        if alone:
             self._log_weight[0] = math.log1p(-missed)
             self.lost = missed
             self._watch(time_s)
@@ -447,6 +460,10 @@ class CoasterTrackFilter:
     def _seek(self, time_s: float) -> None:
         h = int(np.argmax(self._log_weight))
         x, P = self.X[h], self.P[h]
+        if not (np.isfinite(x).all() and np.isfinite(P).all()):
+            self.relocations += 1
+            self._begin(time_s, self._met(None), TURN_UNDER_WAY)
+            return
         mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
         sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)
         bias = (x[20:23].copy(), DOUBTED_BIAS)

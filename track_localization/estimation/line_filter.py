@@ -75,7 +75,9 @@ def acceleration(
     along += (rest * a[_TANGENT + 1] + share * b[_TANGENT + 1]) * f1
     along += (rest * a[_TANGENT + 2] + share * b[_TANGENT + 2]) * f2
     along -= rest * a[_CLIMB] + share * b[_CLIMB]
-    along -= (rest * a[_LEVER] + share * b[_LEVER]) * v * v
+    if closed or 0.0 <= s <= (len(rows) - 1) * step:
+        # Beyond the ends of an open line it goes on straight.
+        along -= (rest * a[_LEVER] + share * b[_LEVER]) * v * v
     return along / (rest * a[_STRETCH] + share * b[_STRETCH])
 
 
