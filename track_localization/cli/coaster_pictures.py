@@ -20,7 +20,10 @@ from track_localization.evaluation import (
 from track_localization.evaluation.metrics import travelled
 from track_localization.evaluation.report import Picture
 
-FUSED = ('eskf_smoothed', 'eskf', 'eskf_live', 'eskf_paper')
+FUSED = (
+    *('track_filter_smoothed', 'track_filter_lag', 'track_filter'),
+    *('eskf_smoothed', 'eskf', 'eskf_live', 'eskf_paper'),
+)
 """Fused methods, the best first."""
 
 Results = Mapping[str, MethodResult]
@@ -78,9 +81,8 @@ def _errors(folder: Path, inputs: Inputs, results: Results, reference: Reference
     pictures = []
     truth, markers = reference.truth, inputs.markers
     rides = {n: e for n, r in results.items() if (e := reference.ride(r.trajectory)) is not None}
-    fused = best(results)
-    fed_by = results[fused].fed_by if fused is not None else None
-    panels = [n for n in (fed_by, 'eskf_live', 'eskf', 'eskf_smoothed') if n in rides]
+    shown = ('dtw_penalised', 'eskf_live', 'eskf_smoothed', 'track_filter', 'track_filter_smoothed')
+    panels = [n for n in shown if n in rides]
     panels = panels or list(rides)[:3]
     if truth is not None and panels:
         places = {}
@@ -94,11 +96,11 @@ def _errors(folder: Path, inputs: Inputs, results: Results, reference: Reference
         file = plots_errors.error_distribution(folder / 'error_distribution.png', rides)
         pictures.append(Picture(file, 'Distribution of the position error over the moving ride.'))
     if markers is not None:
-        shown = {
+        at_markers = {
             n: reference.markers(r.trajectory).design for n, r in results.items() if n != 'imu'
         }
         file = plots_errors.error_at_markers(
-            folder / 'error_at_markers.png', markers.name, shown or {}
+            folder / 'error_at_markers.png', markers.name, at_markers or {}
         )
         pictures.append(Picture(file, 'Distance from the design position at each marker.'))
     return pictures
