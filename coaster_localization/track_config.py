@@ -14,7 +14,7 @@ class TrackFilterConfig:
     epoch_s: float = setting(0.05, 's', 'time between two comparisons with the line', 0.01, 1.0)
     # The line
     attitude_sigma: float = setting(
-        0.0045, 'rad', "built track's attitude against the design's", 1e-4, 0.5
+        0.004, 'rad', "built track's attitude against the design's", 1e-4, 0.5
     )
     attitude_correlation_m: float = setting(
         6.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
@@ -25,11 +25,11 @@ class TrackFilterConfig:
     )
     reach_m: float = setting(25.0, 'm', 'most that this looks ahead and back', 0.5, 200.0)
     line_sigma_m: float = setting(
-        0.03, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
+        0.026, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
     )
     # Speed prior
     speed_sigma: float = setting(
-        0.08, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
+        0.07, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
     )
     speed_correlation_m: float = setting(
         1000.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
@@ -60,7 +60,7 @@ class TrackFilterConfig:
         10.0,
     )
     vibration_gain: float = setting(
-        1.0, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
+        0.8, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
     )
     gyro_noise: float = setting(1.5e-4, 'rad/s/sqrt(Hz)', 'angle random walk', 0.0, 1.0)
     gyro_vibration_gain: float = setting(

@@ -37,6 +37,8 @@ _BACK = 22
 SQRT3 = np.sqrt(3.0)
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
+STOPPED = 0.3
+"""A vehicle slower than this has stopped [m/s]."""
 ROLLBACK = -0.5
 """A vehicle slower than this runs backward [m/s]."""
 DRIVEN_PACE = 0.005
@@ -152,7 +154,8 @@ def predict(
         for j in range(3):
             F[TILT + k, GYRO_BIAS + j] = -sums[SUM_TURN + 3 * k + j]
             F[TILT + k, GYRO_SCALE + j] = -sums[SUM_SCALED + 3 * k + j]
-    keep = np.exp(-abs(v) * T * row[_RENEWAL])
+    # A vehicle that has stopped, or turns back, starts with a pace of its own.
+    keep = np.exp(-abs(v) * T * row[_RENEWAL]) if abs(v) > STOPPED else 0.0
     F[PACE, PACE] = keep
     x[X_PACE] *= keep
     P[PACE, :] *= keep
