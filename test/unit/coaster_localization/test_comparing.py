@@ -122,7 +122,7 @@ def test_elements_cover_the_line():
 
 
 def test_intervals_hold_the_truth():
-    """Three rides over one built track: nine tenths or more of the 95 % intervals are right."""
+    """Three rides over one built track: no more 95 % intervals are wrong than chance allows."""
     config, changes = TrackFilterConfig(), {'track.build_seed': 1}
     rides = [
         simulate_coaster('launch', override(CoasterSimConfig(), changes), s) for s in (1, 2, 3)
@@ -148,7 +148,8 @@ def test_intervals_hold_the_truth():
             right += abs(verdict.difference - true) < verdict.half_width
             total += 1
     assert total == 24
-    assert right >= 0.9 * total
+    # Of 24 such intervals 19 or fewer are right with a chance of less than 1 %.
+    assert right >= 20
 
 
 def test_a_shuttle_is_compared_pass_by_pass():
