@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coaster_localization.track_filter import Epoch
 from track_localization.estimation import line_filter as kernel
+from track_localization.estimation.smoother import gain
 
 Array = NDArray[np.float64]
 
@@ -35,20 +36,7 @@ def _backward(
     x: Array, P: Array, x_before: Array, P_before: Array, F: Array, x_next: Array, P_next: Array
 ) -> None:
     """Smooth one epoch in place: ``x``, ``P`` are the filter's, ``*_next`` the smoothed."""
-    # Scaled by its diagonal it is well conditioned; a state that is known for certain stays out.
-    d = np.diag(P_before).copy()
-    for i in range(len(d)):
-        d[i] = 1.0 / np.sqrt(d[i]) if d[i] > 1e-30 else 0.0
-    scaled = P_before * np.outer(d, d)
-    for i in range(len(d)):
-        if d[i] == 0.0:
-            scaled[i, i] = 1.0
-    FP = F @ P
-    for i in range(len(d)):
-        FP[i] *= d[i]
-    G = np.ascontiguousarray(np.linalg.solve(scaled, FP).T)
-    for i in range(len(d)):
-        G[:, i] *= d[i]
+    G = gain(P, P_before, F)
     new = P + G @ (P_next - P_before) @ np.ascontiguousarray(G.T)
     P[:, :] = 0.5 * (new + new.T)
     kernel.add_error(x, G @ kernel.difference(x_next, x_before))

@@ -314,7 +314,7 @@ def test_the_real_filter_follows_the_circle(ros, circle_file, circle, talk):
             'imu/data_raw', imu(circle.time_s[i], circle.specific_force[i], circle.angular_rate[i])
         )
         if i % 20 == 0:
-            ros.spin_until(lambda: len(odometries) > i - 130, 1.0)  # noqa: B023
+            ros.spin_until(lambda least=i - 130: len(odometries) > least, 1.0)
     assert ros.spin_until(lambda: len(odometries) >= 1500 <= len(chainages))
     assert [round(seconds(m.header.stamp) * 100) for m in odometries] == list(range(1500))
     for m, s in zip(odometries[::50], chainages[::50], strict=True):

@@ -45,14 +45,29 @@ def rts_smooth(
 def _backward(
     P: Array, P_pred: Array, F: Array, P_next: Array, error: Array
 ) -> tuple[Array, Array]:
-    # Scaled by its diagonal, P_pred is well conditioned whatever the units of its states.
-    d = 1.0 / np.sqrt(np.diag(P_pred))
+    G = gain(P, P_pred, F)
+    P_new = P + G @ (P_next - P_pred) @ np.ascontiguousarray(G.T)
+    return G @ error, 0.5 * (P_new + P_new.T)
+
+
+@numba.njit(cache=True)
+def gain(P: Array, P_pred: Array, F: Array) -> Array:
+    """
+    Return the smoother's gain (n, n), P F' P_pred^-1.
+
+    Scaled by its diagonal P_pred is well conditioned whatever the units of its states; a state
+    that is known for certain stays out.
+    """
+    d = np.diag(P_pred).copy()
+    for i in range(len(d)):
+        d[i] = 1.0 / np.sqrt(d[i]) if d[i] > 1e-30 else 0.0
     scaled = P_pred * np.outer(d, d)
     FP = F @ P
     for i in range(len(d)):
+        if d[i] == 0.0:
+            scaled[i, i] = 1.0
         FP[i] *= d[i]
     G = np.ascontiguousarray(np.linalg.solve(scaled, FP).T)
     for i in range(len(d)):
         G[:, i] *= d[i]
-    P_new = P + G @ (P_next - P_pred) @ np.ascontiguousarray(G.T)
-    return G @ error, 0.5 * (P_new + P_new.T)
+    return G
