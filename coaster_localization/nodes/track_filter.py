@@ -9,6 +9,7 @@ completed since the start, each time one is). ~/reset starts anew.
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -26,8 +27,9 @@ from track_localization.ros.qos import OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
 PARAMETERS = ('design_ride', 'track', 'frame_', 'publish_tf', 'mount_rpy_deg', 'track_filter.')
-DOUBTS_M = (0.1, 5.0)
-"""Doubts about the start that are practised: one place, and several that are compared."""
+DOUBTS = ((0.1, True), (5.0, False))
+"""Starts that are practised, sigma [m] and whether the mount is known: one hypothesis, which is
+smoothed as well, and several, which are compared."""
 
 
 class CoasterTrackFilterNode(EstimatorNode):
@@ -50,8 +52,9 @@ class CoasterTrackFilterNode(EstimatorNode):
         design = inputs.design_ride(self.config)
         self.filter = make_filter(design, self.config.track_filter)
         if warm_up:
-            for doubt_m in DOUBTS_M:
-                self._warm_up(make_filter(design, self.config.track_filter), doubt_m)
+            for doubt_m, known in DOUBTS:
+                config = dataclasses.replace(self.config.track_filter, mount_known=known)
+                self._warm_up(make_filter(design, config), doubt_m)
         self._connect()
 
     def _warm_up(self, trial: Any, doubt_m: float) -> None:
