@@ -75,6 +75,7 @@ def live(ride: Path, recorded: Path, rate: str) -> None:
     ]
     try:
         time.sleep(3.0)  # the nodes import and compile; the publisher itself waits for them
+        print('the nodes compile at their first start; that takes a minute or two', flush=True)
         # It waits for all three that listen; at rate 0 the slower estimator sets the pace.
         publisher = start(
             environment,
@@ -82,7 +83,7 @@ def live(ride: Path, recorded: Path, rate: str) -> None:
             source=str(ride / 'bag'),
             rate=rate,
             subscribers='3',
-            wait_timeout='60.0',
+            wait_timeout='300.0',
             pace_topic=LIVE['ESKF'],
         )
         code = publisher.wait()
