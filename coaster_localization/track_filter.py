@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from coaster_localization.track_start import (
     mount_of,
     under_way,
 )
+from coaster_localization.track_states import Doubt, Epoch, Origin, TrackState
 from track_localization import GRAVITY
 from track_localization.estimation import line_bank
 from track_localization.estimation import line_filter as kernel
@@ -68,67 +68,6 @@ LOST = 0.9
 """Probability of being lost above which the train is looked for."""
 DOUBT = 0.1
 """Probability of being lost above which the covariance is opened."""
-
-
-class Epoch(NamedTuple):
-    """
-    One comparison with the line, as a smoother needs it.
-
-    Attributes:
-        time_s: stamp [s].
-        x_before, P_before: the prediction.
-        F: transition from the epoch before; zero at the first one after a start.
-        x, P: after all updates.
-    """
-
-    time_s: float
-    x_before: Array
-    P_before: Array
-    F: Array
-    x: Array
-    P: Array
-
-
-class TrackState(NamedTuple):
-    """
-    Where the vehicle is at one stamp.
-
-    Attributes:
-        time_s: [s].
-        x: (30,) nominal state, see ``line_filter``.
-        P: (18, 18) of the latest epoch.
-        lost: probability that the vehicle is somewhere else altogether.
-    """
-
-    time_s: float
-    x: Array
-    P: Array
-    lost: float = 0.0
-
-
-class Origin(NamedTuple):
-    """
-    What a hypothesis began from.
-
-    Attributes:
-        time_s: stamp [s].
-        x, P: state and covariance.
-        rest: the rest that standstills are compared with.
-        fresh: whether the IMU's running means began here as well.
-    """
-
-    time_s: float
-    x: Array
-    P: Array
-    rest: Rest | None
-    fresh: bool
-
-
-class Doubt(NamedTuple):
-    """A stretch with several hypotheses: what the right one began from, and when it was known."""
-
-    origin: Origin
-    until_s: float
 
 
 class CoasterTrackFilter:

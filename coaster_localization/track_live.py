@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_estimate import TrackEstimate
-from coaster_localization.track_filter import CoasterTrackFilter, Epoch
+from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
 from coaster_localization.track_smoothing import FixedLag
+from coaster_localization.track_states import Epoch
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.imu import ImuSample
 from track_localization.track.design_ride import DesignRide

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from coaster_localization.start import Rest, observe_rest
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_estimate import to_trajectory
-from coaster_localization.track_filter import CoasterTrackFilter, Doubt, Epoch, TrackState
+from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_smoothing import FixedLag, smooth_epochs
 from coaster_localization.track_start import is_firm
+from coaster_localization.track_states import Doubt, Epoch, TrackState
 from track_localization.errors import DataError
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.imu import ImuSeries

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.track_filter import Epoch
+from coaster_localization.track_states import Epoch
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.smoother import gain
 

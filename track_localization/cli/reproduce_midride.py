@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_estimate import to_trajectory
-from coaster_localization.track_filter import CoasterTrackFilter, TrackState
+from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
+from coaster_localization.track_states import TrackState
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.metrics import moving

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from coaster_localization.track_filter import Epoch
 from coaster_localization.track_smoothing import FixedLag, smooth_epochs
+from coaster_localization.track_states import Epoch
 
 FREE = np.array([0, 1, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17])
 """Errors without the angles: of them a state is a plain vector, so the whole case is linear."""
