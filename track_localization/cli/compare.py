@@ -19,8 +19,8 @@ from coaster_localization.comparing import (
     equal_stretches,
     judge,
 )
-from track_localization.cli import rides
-from track_localization.cli.coaster_inputs import beside
+from track_localization.cli.coaster import rides
+from track_localization.cli.coaster.inputs import beside
 from track_localization.cli.common import guarded, say
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError

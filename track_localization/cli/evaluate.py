@@ -1,157 +1,17 @@
-"""``evaluate SYSTEM BAG``: every method over one recording; figures, trajectories, a report."""
+"""``evaluate SYSTEM``: see ABOUT."""
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
-from coaster_localization.methods import METHODS, MethodResult, run_methods
-from track_localization.cli import coaster_inputs, coaster_pictures, coaster_sweeps
-from track_localization.cli.coaster_results import Reference, figures, floor_figures, table
-from track_localization.cli.common import guarded, say
-from track_localization.cli.evaluate_files import report_sections, write_bag, write_trajectories
-from track_localization.cli.evaluate_notes import notes
-from track_localization.cli.progress import Progress
-from track_localization.errors import DataError
-from track_localization.evaluation import provenance
-from track_localization.evaluation.report import Picture, write_report
+from track_localization.cli import dispatch
 
-SYSTEMS = ('coaster',)
+ABOUT = 'Every method over one recording: figures, trajectories, a report.'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse arguments, evaluate, write; return the exit code."""
-    args = make_parser().parse_args(argv)
-    return guarded(lambda: run(args))
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog='evaluate',
-        description='Run every method over a recording and write metrics.json, '
-        'trajectory_<method>.csv and .tum, pictures, report.html and a bag of the results. '
-        'track.csv, design_ride.csv and markers.csv are looked for beside the bag.',
-    )
-    parser.add_argument('system', choices=SYSTEMS, help='what was recorded')
-    coaster_inputs.add_arguments(parser)
-    parser.add_argument(
-        '--methods', type=_methods, default=METHODS, help=f'some of {",".join(METHODS)}'
-    )
-    parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
-    parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
-    parser.add_argument(
-        '--sweeps',
-        action='store_true',
-        help="draw the paper's Figures 14 and 15 too: some thirty runs of its filter (needs "
-        'markers and srdtw_z)',
-    )
-    return parser
-
-
-def run(args: argparse.Namespace) -> None:
-    """Evaluate one recording as the arguments say."""
-    inputs = coaster_inputs.read_inputs(args)
-    for finding in inputs.recording.findings:
-        say(str(finding))
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f'--output {args.output}: cannot be made ({error.strerror})') from None
-    markers = inputs.markers
-    reference = Reference.of(
-        inputs.recording.truth,
-        inputs.design,
-        None if markers is None else markers.time_s,
-        None if markers is None else markers.position,
-    )
-    results, metrics = _run_methods(args.methods, inputs, reference)
-    content = _content(args, inputs, reference, metrics)
-    text = json.dumps(content, indent=2, allow_nan=False)
-    (args.output / 'metrics.json').write_text(text + '\n', encoding='utf-8')
-    write_trajectories(args.output, results)
-    write_bag(args.output / 'results', inputs, results)
-    pictures = [] if args.no_plots else _pictures(args, inputs, results, reference)
-    title = 'error [m] over the moving part of the ride' if reference.truth else 'methods'
-    shown, said = table(metrics, title), notes(inputs, results, metrics)
-    settings = coaster_inputs.config_text(inputs.config)
-    sections = report_sections(content, shown, said, pictures, settings)
-    write_report(args.output / 'report.html', f'Roller coaster: {args.bag}', sections)
-    print('\n'.join([shown.text(), '', *said, '', str(args.output / 'report.html')]))
-
-
-def _run_methods(
-    methods: Sequence[str], inputs: coaster_inputs.Inputs, reference: Reference
-) -> tuple[dict[str, MethodResult], dict[str, Any]]:
-    """Return each method's result and its entry in metrics.json."""
-    imu = inputs.recording.imu
-    duration_s = float(imu.time_s[-1] - imu.time_s[0])
-    results: dict[str, MethodResult] = {}
-    metrics: dict[str, Any] = {}
-    with Progress(len(methods), 'method') as progress:
-        for result in run_methods(
-            imu, inputs.design, inputs.config, methods, progress.begin, inputs.learned
-        ):
-            results[result.name] = result
-            metrics[result.name] = figures(result, reference, duration_s)
-            progress.done()
-    return results, metrics
-
-
-def _content(
-    args: argparse.Namespace,
-    inputs: coaster_inputs.Inputs,
-    reference: Reference,
-    metrics: dict[str, Any],
-) -> dict[str, Any]:
-    """Return what goes into metrics.json."""
-    imu = inputs.recording.imu
-    return {
-        'system': args.system,
-        'commit': provenance.commit(),
-        'bag': str(args.bag),
-        'methods': metrics,
-        'floor': floor_figures(reference),
-        'data': {
-            'files': {role: str(path) for role, path in inputs.files.items()},
-            'duration_s': float(imu.time_s[-1] - imu.time_s[0]),
-            'samples': len(imu),
-            'rejected': inputs.recording.rejected,
-        },
-        'machine': provenance.machine(),
-    }
-
-
-def _pictures(
-    args: argparse.Namespace, inputs: coaster_inputs.Inputs, results: Any, reference: Reference
-) -> list[Picture]:
-    matches = {name: r.match for name, r in results.items() if r.match is not None}
-    sweeps = None
-    if args.sweeps and inputs.markers is not None and 'srdtw_z' in matches:
-        channels = [c for c, m in coaster_sweeps.CHANNELS.items() if m in matches]
-        with Progress(coaster_sweeps.runs(channels), 'sweep') as progress:
-
-            def step(label: str) -> None:
-                progress.begin(label)
-                progress.done()
-
-            sweeps = coaster_sweeps.sweep(
-                inputs.recording.imu, inputs.design, inputs.config, matches, reference, step
-            )
-    return coaster_pictures.draw(args.output, inputs, results, reference, sweeps)
-
-
-def _methods(text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
-    unknown = [name for name in names if name not in METHODS]
-    if unknown or not names:
-        raise argparse.ArgumentTypeError(
-            f'{", ".join(unknown) or "nothing"} is no method; there are {", ".join(METHODS)}'
-        )
-    return names
+    """Run it for the system that ``argv`` names first; return the exit code."""
+    return dispatch.run('evaluate', ABOUT, argv)
 
 
 if __name__ == '__main__':

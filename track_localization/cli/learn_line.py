@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from coaster_localization.learning import Difference, Lesson, differences, learn
-from track_localization.cli import rides
+from track_localization.cli.coaster import rides
 from track_localization.cli.common import guarded
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError

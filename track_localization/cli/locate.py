@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from coaster_localization.methods import METHODS, MethodResult, run_methods
-from track_localization.cli import coaster_inputs
+from track_localization.cli.coaster import inputs as coaster_inputs
+from track_localization.cli.coaster.evaluate_notes import clock_offset, mount_note
 from track_localization.cli.common import guarded, say
-from track_localization.cli.evaluate_notes import clock_offset, mount_note
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.clock import TWO_SIDED_95, ClockOffset, fit_clock_offset

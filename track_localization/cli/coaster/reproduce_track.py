@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from coaster_localization.methods import TRACK_METHODS
-from track_localization.cli import reproduce_goals, reproduce_midride, reproduce_tables
-from track_localization.cli.reproduce_goals import MARKERS, Rides
-from track_localization.cli.reproduce_rides import (
+from track_localization.cli.coaster import reproduce_goals, reproduce_midride, reproduce_tables
+from track_localization.cli.coaster.reproduce_goals import MARKERS, Rides
+from track_localization.cli.coaster.reproduce_rides import (
     MID_RIDE,
     START_OFF,
     Ride,
@@ -20,7 +20,13 @@ from track_localization.cli.reproduce_rides import (
     code_fingerprint,
     gather,
 )
-from track_localization.cli.reproduce_track_goals import LIVE, POSITION, SMOOTHED, Exam, goals
+from track_localization.cli.coaster.reproduce_track_goals import (
+    LIVE,
+    POSITION,
+    SMOOTHED,
+    Exam,
+    goals,
+)
 from track_localization.evaluation import provenance
 from track_localization.evaluation.tabulate import Cell, Table
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from track_localization.cli.reproduce_goals import MARKERS, NAN, Goal, Rides, at_most
-from track_localization.cli.reproduce_rides import Figures, Ride
+from track_localization.cli.coaster.reproduce_goals import MARKERS, NAN, Goal, Rides, at_most
+from track_localization.cli.coaster.reproduce_rides import Figures, Ride
 
 LIVE, SMOOTHED = 'track_filter', 'track_filter_smoothed'
 POSITION = 'position_m.mean'

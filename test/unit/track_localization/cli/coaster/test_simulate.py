@@ -76,7 +76,7 @@ def test_list(capsys):
 def test_help_lists_every_setting(capsys):
     """Name, default, unit and meaning."""
     with pytest.raises(SystemExit) as caught:
-        main(['--help'])
+        main(['coaster', '--help'])
     assert caught.value.code == 0
     text = capsys.readouterr().out
     assert 'imu.accel_bias = 0.04 m/s^2' in text

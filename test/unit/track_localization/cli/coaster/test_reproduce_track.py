@@ -8,10 +8,10 @@ import pytest
 
 from coaster_localization.methods import TRACK_METHODS
 from coaster_localization.track_config import TrackFilterConfig
-from track_localization.cli import reproduce, reproduce_midride, reproduce_track
-from track_localization.cli.reproduce_goals import Goal
-from track_localization.cli.reproduce_midride import Answers
-from track_localization.cli.reproduce_rides import (
+from track_localization.cli.coaster import reproduce, reproduce_midride, reproduce_track
+from track_localization.cli.coaster.reproduce_goals import Goal
+from track_localization.cli.coaster.reproduce_midride import Answers
+from track_localization.cli.coaster.reproduce_rides import (
     MID_RIDE,
     START_OFF,
     START_OFF_M,
@@ -21,7 +21,7 @@ from track_localization.cli.reproduce_rides import (
     simulation,
     write_ride,
 )
-from track_localization.cli.reproduce_track_goals import LIVE, SMOOTHED, Exam, goals
+from track_localization.cli.coaster.reproduce_track_goals import LIVE, SMOOTHED, Exam, goals
 from track_localization.estimation.imu import ImuSeries
 from track_localization.sim.coaster import scenario, simulate_coaster
 
@@ -236,7 +236,7 @@ def test_a_start_that_is_off_is_told_to_the_filter():
 
 
 def test_the_exam_runs_every_row_on_seeds_of_its_own():
-    args = reproduce.parse(['coaster', '--track-filter'])
+    args = reproduce.parse(['--track-filter'])
     tasks = reproduce_track.make_tasks(args)
     count = {name: len([t for t in tasks if t.scenario == name]) for name in {'nominal', MID_RIDE}}
     assert count == {'nominal': 100, MID_RIDE: 100}
@@ -248,7 +248,7 @@ def test_the_exam_runs_every_row_on_seeds_of_its_own():
         simulation(name)
     assert not {t.seed for t in tasks} & set(reproduce.EXAM_SEEDS)
     assert len({t.file for t in tasks}) == len(tasks)
-    few = reproduce.parse(['coaster', '--track-filter', '--seeds', '1:2', '--starts', '8'])
+    few = reproduce.parse(['--track-filter', '--seeds', '1:2', '--starts', '8'])
     late = [t for t in reproduce_track.make_tasks(few) if t.scenario == MID_RIDE]
     assert [len(t.methods) for t in late] == [2, 2, 2, 1, 1]
 
@@ -266,7 +266,7 @@ def test_the_exam_runs_every_row_on_seeds_of_its_own():
 )
 def test_options_of_the_other_exam_are_wrong_usage(arguments):
     with pytest.raises(SystemExit) as error:
-        reproduce.main(['coaster', *arguments])
+        reproduce.main([*arguments])
     assert error.value.code == 2
 
 
@@ -277,7 +277,7 @@ def test_kept_rides_are_printed_again(tmp_path, exam, capsys):
     for kept in [*exam.nominal, *(r for rows in exam.scenarios.values() for r in rows), late]:
         write_ride(folder / f'{kept.scenario}_{kept.track}_{kept.seed}.csv', kept, 'old code')
     options = ['--seeds', '0:2', '--tracks', 'looping,mine', '--starts', '8']
-    arguments = ['coaster', '--track-filter', '--reprint', *options]
+    arguments = ['--track-filter', '--reprint', *options]
     assert reproduce.main([*arguments, '--output', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert 'NOT met' not in printed

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.methods import TRACK_METHODS, MethodResult
-from track_localization.cli.coaster_inputs import Inputs
-from track_localization.cli.coaster_pictures import best
-from track_localization.cli.coaster_results import CLOCK_OFFSET_WORTH_S, rpy_deg
+from track_localization.cli.coaster.inputs import Inputs
+from track_localization.cli.coaster.pictures import best
+from track_localization.cli.coaster.results import CLOCK_OFFSET_WORTH_S, rpy_deg
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.clock import ClockOffset, offset_from_event

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from coaster_localization.methods import MethodResult, observations
-from track_localization.cli.coaster_inputs import Inputs
+from track_localization.cli.coaster.inputs import Inputs
 from track_localization.evaluation.report import Picture, Section
 from track_localization.evaluation.tabulate import Table
 from track_localization.io.bags import BagWriter

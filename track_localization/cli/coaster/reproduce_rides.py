@@ -20,8 +20,9 @@ from coaster_localization.config import CoasterConfig
 from coaster_localization.methods import MethodResult, run_methods
 from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import filter_ride
-from track_localization.cli import coaster_sweeps, reproduce_midride
-from track_localization.cli.coaster_results import Reference, figures, floor_figures
+from track_localization.cli.coaster import reproduce_midride
+from track_localization.cli.coaster import sweeps as coaster_sweeps
+from track_localization.cli.coaster.results import Reference, figures, floor_figures
 from track_localization.cli.common import say
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError
@@ -131,13 +132,13 @@ def code_fingerprint() -> str:
     """Return a hash of the code and settings that the figures depend on."""
     system = Path(coaster_localization.__file__).parent
     shared = Path(track_localization.__file__).parent
-    here = shared / 'cli'
+    here = shared / 'cli' / 'coaster'
     return fingerprint(
         [
             *(p for p in sorted(system.glob('*.py'))),
-            *(shared / room for room in ('estimation', 'track', 'sim')),
+            *(shared / room for room in ('estimation', 'track', 'sim/coaster', 'sim/imu_error.py')),
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'interpolation')),
-            *(here / f'{n}.py' for n in ('coaster_results', 'coaster_sweeps')),
+            *(here / f'{n}.py' for n in ('results', 'sweeps')),
             *(here / f'reproduce_{n}.py' for n in ('rides', 'midride')),
         ]
     )

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.methods import MATCHING, METHODS
-from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, collect
-from track_localization.cli.reproduce_goals import MARKERS, Goal, Rides, gross, mount_of
-from track_localization.cli.reproduce_rides import Ride
+from track_localization.cli.coaster.reproduce_goals import MARKERS, Goal, Rides, gross, mount_of
+from track_localization.cli.coaster.reproduce_rides import Ride
+from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, collect
 from track_localization.evaluation.tabulate import Table
 
 Array = NDArray[np.float64]

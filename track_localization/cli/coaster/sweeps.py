@@ -13,7 +13,7 @@ from coaster_localization.matching import Match
 from coaster_localization.methods import apply_mount, observations
 from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.smoothing import estimates_to_trajectory, run_filter
-from track_localization.cli.coaster_results import Reference, match_trajectory
+from track_localization.cli.coaster.results import Reference, match_trajectory
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.centreline import Centreline

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.cli.reproduce_rides import SMALL_MOUNT_DEG, Ride
+from track_localization.cli.coaster.reproduce_rides import SMALL_MOUNT_DEG, Ride
 from track_localization.evaluation.tabulate import Table
 
 Array = NDArray[np.float64]

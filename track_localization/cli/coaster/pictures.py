@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from coaster_localization.methods import MATCHING, MethodResult
-from track_localization.cli.coaster_inputs import Inputs
-from track_localization.cli.coaster_results import Reference
-from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps
+from track_localization.cli.coaster.inputs import Inputs
+from track_localization.cli.coaster.results import Reference
+from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps
 from track_localization.evaluation import (
     plots_errors,
     plots_matching,

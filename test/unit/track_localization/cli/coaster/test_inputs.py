@@ -3,7 +3,7 @@
 import pytest
 
 from coaster_localization.config import CoasterConfig
-from track_localization.cli.coaster_inputs import beside, config_text, read_config
+from track_localization.cli.coaster.inputs import beside, config_text, read_config
 from track_localization.errors import DataError
 
 GOOD = """

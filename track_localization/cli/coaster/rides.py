@@ -11,7 +11,7 @@ from coaster_localization.methods import apply_mount
 from coaster_localization.ride_passes import SmoothedRide
 from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import filter_ride
-from track_localization.cli import coaster_inputs
+from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.common import say
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries

@@ -7,7 +7,7 @@ import pytest
 
 from coaster_localization.matching import Match
 from coaster_localization.methods import MethodResult
-from track_localization.cli.coaster_results import (
+from track_localization.cli.coaster.results import (
     Reference,
     figures,
     floor_figures,

@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from track_localization.cli import reproduce, reproduce_goals, reproduce_tables
-from track_localization.cli.coaster_sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, as_figures
-from track_localization.cli.reproduce_goals import Goal, Rides
-from track_localization.cli.reproduce_rides import (
+from track_localization.cli.coaster import reproduce, reproduce_goals, reproduce_tables
+from track_localization.cli.coaster.reproduce_goals import Goal, Rides
+from track_localization.cli.coaster.reproduce_rides import (
     SMALL_MOUNT,
     Ride,
     Task,
@@ -17,6 +16,7 @@ from track_localization.cli.reproduce_rides import (
     simulation,
     write_ride,
 )
+from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, as_figures
 
 AT_MARKERS = {
     'dtw_z': 0.9,
@@ -165,7 +165,7 @@ def test_a_kept_ride_is_read_back_unless_the_code_changed(tmp_path, good):
 
 
 def test_exam_seeds_are_the_default_and_sweeps_are_few():
-    args = reproduce.parse(['coaster'])
+    args = reproduce.parse([])
     tasks = reproduce.make_tasks(args)
     nominal = [t for t in tasks if t.scenario == 'nominal']
     small = [t for t in tasks if t.scenario == SMALL_MOUNT]
@@ -181,12 +181,12 @@ def test_exam_seeds_are_the_default_and_sweeps_are_few():
 )
 def test_wrong_usage_exits_with_2(arguments):
     with pytest.raises(SystemExit) as error:
-        reproduce.main(['coaster', *arguments])
+        reproduce.main([*arguments])
     assert error.value.code == 2
 
 
 def test_reprint_without_rides_exits_with_1(tmp_path, capsys):
-    assert reproduce.main(['coaster', '--reprint', '--output', str(tmp_path / 'none')]) == 1
+    assert reproduce.main(['--reprint', '--output', str(tmp_path / 'none')]) == 1
     assert 'no rides' in capsys.readouterr().err
 
 
@@ -195,7 +195,7 @@ def test_kept_rides_are_printed_again(tmp_path, good, capsys):
     folder.mkdir()
     for kept in good:
         write_ride(folder / f'nominal_{kept.track}_{kept.seed}.csv', kept, 'old code')
-    arguments = ['coaster', '--reprint', '--seeds', '0:3', '--tracks', 'looping,mine']
+    arguments = ['--reprint', '--seeds', '0:3', '--tracks', 'looping,mine']
     methods = 'dtw_z,srdtw_z,eskf_smoothed'
     assert reproduce.main([*arguments, '--methods', methods, '--output', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
