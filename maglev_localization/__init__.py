@@ -1,0 +1,1 @@
+"""Maglev train: induction loop, Doppler radar and balises fused along the guideway."""
