@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from track_localization.errors import DataError
@@ -47,6 +47,29 @@ def assignment(text: str) -> tuple[str, str]:
     if not equals or not name.strip():
         raise argparse.ArgumentTypeError(f'{text!r} is not field=value')
     return name.strip(), value.strip()
+
+
+def remapping(text: str) -> tuple[str, str]:
+    """Parse ``from:=to`` of ``--remap``; argparse turns the error into wrong usage."""
+    name, sign, topic = text.partition(':=')
+    if not sign or not name or not topic:
+        raise argparse.ArgumentTypeError(f'{text!r} is not from:=to')
+    return name, topic
+
+
+def names_among(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
+    """Return an argparse type: names separated by commas, each of ``known``, each once."""
+
+    def parse(text: str) -> tuple[str, ...]:
+        names = tuple(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
+        unknown = [name for name in names if name not in known]
+        if unknown or not names:
+            raise argparse.ArgumentTypeError(
+                f'{", ".join(unknown) or "nothing"} is no method; there are {", ".join(known)}'
+            )
+        return names
+
+    return parse
 
 
 def settings_help(config: Any) -> str:

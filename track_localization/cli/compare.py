@@ -20,8 +20,8 @@ from coaster_localization.comparing import (
     judge,
 )
 from track_localization.cli.coaster import rides
-from track_localization.cli.coaster.inputs import beside
 from track_localization.cli.common import guarded, say
+from track_localization.cli.files import beside, make_folder
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError
 from track_localization.evaluation.plots_rides import RideCurves, rides_by_chainage
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
     comparisons, notes = compare(smoothed[0], smoothed[1])
     for note in notes:
         say(note)
-    folder = rides.make_folder(args.output)
+    folder = make_folder(args.output)
     write_table(folder / 'comparison.csv', COLUMNS, [r for c in comparisons for r in _rows(c)])
     _tell(comparisons, elements, folder)
     print(EXPLANATION)

@@ -12,6 +12,7 @@ import numpy as np
 from coaster_localization.learning import Difference, Lesson, differences, learn
 from track_localization.cli.coaster import rides
 from track_localization.cli.common import guarded
+from track_localization.cli.files import make_folder
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError
 from track_localization.evaluation.plots_rides import LearnedCurves, learned_by_chainage
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
             smoothed.append(rides.read_ride(args, path, setup)[0])
             progress.done()
     lesson = learn(smoothed, setup.design, setup.config.track_filter)
-    folder = rides.make_folder(args.output)
+    folder = make_folder(args.output)
     write_learned_line(folder / 'learned_line.csv', lesson.learned)
     found = differences(lesson)
     learned_by_chainage(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,16 +11,13 @@ from coaster_localization.methods import METHODS, MethodResult, run_methods
 from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.coaster import pictures as coaster_pictures
 from track_localization.cli.coaster import sweeps as coaster_sweeps
-from track_localization.cli.coaster.evaluate_files import (
-    report_sections,
-    write_bag,
-    write_trajectories,
-)
+from track_localization.cli.coaster.evaluate_files import report_sections, write_bag
 from track_localization.cli.coaster.evaluate_notes import notes
 from track_localization.cli.coaster.results import Reference, figures, floor_figures, table
-from track_localization.cli.common import guarded, say
+from track_localization.cli.common import guarded, names_among, say
+from track_localization.cli.files import make_folder, write_metrics, write_trajectories
+from track_localization.cli.parameters import config_text
 from track_localization.cli.progress import Progress
-from track_localization.errors import DataError
 from track_localization.evaluation import provenance
 from track_localization.evaluation.report import Picture, write_report
 
@@ -42,7 +38,10 @@ def make_parser() -> argparse.ArgumentParser:
     )
     coaster_inputs.add_arguments(parser)
     parser.add_argument(
-        '--methods', type=_methods, default=METHODS, help=f'some of {",".join(METHODS)}'
+        '--methods',
+        type=names_among(METHODS),
+        default=METHODS,
+        help=f'some of {",".join(METHODS)}',
     )
     parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
     parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
@@ -60,10 +59,7 @@ def run(args: argparse.Namespace) -> None:
     inputs = coaster_inputs.read_inputs(args)
     for finding in inputs.recording.findings:
         say(str(finding))
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f'--output {args.output}: cannot be made ({error.strerror})') from None
+    make_folder(args.output)
     markers = inputs.markers
     reference = Reference.of(
         inputs.recording.truth,
@@ -73,14 +69,13 @@ def run(args: argparse.Namespace) -> None:
     )
     results, metrics = _run_methods(args.methods, inputs, reference)
     content = _content(args, inputs, reference, metrics)
-    text = json.dumps(content, indent=2, allow_nan=False)
-    (args.output / 'metrics.json').write_text(text + '\n', encoding='utf-8')
-    write_trajectories(args.output, results)
+    write_metrics(args.output, content)
+    write_trajectories(args.output, {name: r.trajectory for name, r in results.items()})
     write_bag(args.output / 'results', inputs, results)
     pictures = [] if args.no_plots else _pictures(args, inputs, results, reference)
     title = 'error [m] over the moving part of the ride' if reference.truth else 'methods'
     shown, said = table(metrics, title), notes(inputs, results, metrics)
-    settings = coaster_inputs.config_text(inputs.config)
+    settings = config_text(inputs.config)
     sections = report_sections(content, shown, said, pictures, settings)
     write_report(args.output / 'report.html', f'Roller coaster: {args.bag}', sections)
     print('\n'.join([shown.text(), '', *said, '', str(args.output / 'report.html')]))
@@ -145,16 +140,6 @@ def _pictures(
                 inputs.recording.imu, inputs.design, inputs.config, matches, reference, step
             )
     return coaster_pictures.draw(args.output, inputs, results, reference, sweeps)
-
-
-def _methods(text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(',') if name.strip()))
-    unknown = [name for name in names if name not in METHODS]
-    if unknown or not names:
-        raise argparse.ArgumentTypeError(
-            f'{", ".join(unknown) or "nothing"} is no method; there are {", ".join(METHODS)}'
-        )
-    return names
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""What ``evaluate`` leaves behind besides figures: trajectories, a bag, the report's sections."""
+"""What ``evaluate coaster`` leaves behind besides figures: a bag, the report's sections."""
 
 from __future__ import annotations
 
@@ -13,15 +13,6 @@ from track_localization.cli.coaster.inputs import Inputs
 from track_localization.evaluation.report import Picture, Section
 from track_localization.evaluation.tabulate import Table
 from track_localization.io.bags import BagWriter
-from track_localization.io.tables import write_trajectory
-from track_localization.io.tum import write_tum
-
-
-def write_trajectories(folder: Path, results: Mapping[str, MethodResult]) -> None:
-    """Write trajectory_<method>.csv and .tum of every method."""
-    for name, result in results.items():
-        write_trajectory(folder / f'trajectory_{name}.csv', result.trajectory)
-        write_tum(folder / f'trajectory_{name}.tum', result.trajectory)
 
 
 def write_bag(folder: Path, inputs: Inputs, results: Mapping[str, MethodResult]) -> None:

@@ -5,24 +5,23 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from coaster_localization.config import CoasterConfig
 from coaster_localization.inputs import check_track
+from track_localization.cli.common import remapping
+from track_localization.cli.files import beside
+from track_localization.cli.parameters import read_parameters
 from track_localization.errors import DataError
 from track_localization.io import bags
 from track_localization.io.recording import Recording, read_recording
 from track_localization.io.tables import Markers, read_markers
-from track_localization.settings import load_yaml, override, walk
 from track_localization.track.design_ride import DesignRide, read_design_ride
 from track_localization.track.learned_line import LearnedLine, read_learned_line
 
 NODES = ('srdtw_matcher', 'coaster_eskf', 'coaster_track_filter')
 """Sections of a parameter file that hold estimator settings; those of other nodes are skipped."""
 
-OF_NODES_ONLY = {'frame_map', 'frame_base', 'frame_imu', 'publish_tf', 'use_sim_time'}
 IMU_TOPIC, TRUTH_TOPIC = 'imu/data_raw', 'ground_truth/odometry'
 
 
@@ -71,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--remap',
         action='append',
         default=[],
-        type=_remapping,
+        type=remapping,
         metavar='FROM:=TO',
         help=f'read TO from the bag where {IMU_TOPIC} or {TRUTH_TOPIC} is meant',
     )
@@ -114,57 +113,9 @@ def read_inputs(args: argparse.Namespace) -> Inputs:
     return Inputs(recording, design, config, markers, files, learned, args.clock_event)
 
 
-def beside(bag: Path, name: str) -> Path | None:
-    """Return the file of that name in the bag's folder or the folder around it, else None."""
-    folder = bag if bag.is_dir() else bag.parent
-    for place in (folder, folder.resolve().parent):
-        if (place / name).is_file():
-            return place / name
-    return None
-
-
 def read_config(path: Path) -> tuple[CoasterConfig, dict[str, Path]]:
-    """
-    Read a ROS parameter file: settings of the matcher and the filter, and the files it names.
-
-    Sections are ``/**``, ``srdtw_matcher`` and ``coaster_eskf``, in any namespace, each with
-    ``ros__parameters``. Raise DataError for an unknown name, or two nodes that disagree.
-    """
-    values: dict[str, Any] = {}
-    for section, body in load_yaml(path).items():
-        node = str(section).rsplit('/', 1)[-1]
-        if node not in (*NODES, '**', '*'):
-            continue
-        if not isinstance(body, dict) or not isinstance(body.get('ros__parameters'), dict):
-            raise DataError(f'{path}: section {section} has no ros__parameters')
-        for name, value in _flat(body['ros__parameters']).items():
-            if values.get(name, value) != value:
-                raise DataError(
-                    f'{path}: {name} is {values[name]} for one node and {value} for the other; '
-                    'give both the same'
-                )
-            values[name] = value
-    named: dict[str, Path] = {}
-    for role in ('track', 'design_ride'):
-        if value := values.pop(role, None):
-            named[role] = Path(str(value))
-    settings = {k: v for k, v in values.items() if k not in OF_NODES_ONLY}
-    try:
-        return override(CoasterConfig(), settings), named
-    except DataError as error:
-        raise DataError(f'{path}: {error}') from None
-
-
-def config_text(config: CoasterConfig) -> str:
-    """Return every setting as ``name: value unit``, those that differ from the default marked."""
-    lines = []
-    for (name, field, value), (_, _, default) in zip(
-        walk(config), walk(CoasterConfig()), strict=True
-    ):
-        unit = f' {field.metadata["unit"]}' if field.metadata.get('unit') else ''
-        mark = f'   (default {default})' if value != default else ''
-        lines.append(f'{name}: {value}{unit}{mark}')
-    return '\n'.join(lines)
+    """Read a ROS parameter file: settings of the coaster's nodes, and the files it names."""
+    return read_parameters(path, CoasterConfig(), NODES, ('track', 'design_ride'))
 
 
 def _read_recording(args: argparse.Namespace) -> Recording:
@@ -186,23 +137,6 @@ def _read_recording(args: argparse.Namespace) -> Recording:
         topics = ', '.join(bags.list_topics(args.bag)) if recording.kind == 'bag' else 'none'
         raise DataError(f'{args.bag}: no odometry on {wanted}; topics here: {topics}')
     return recording
-
-
-def _flat(content: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in content.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f'{prefix}{name}.')
-        else:
-            flat[f'{prefix}{name}'] = value
-    return flat
-
-
-def _remapping(text: str) -> tuple[str, str]:
-    name, sign, topic = text.partition(':=')
-    if not sign or not name or not topic:
-        raise argparse.ArgumentTypeError(f'{text!r} is not from:=to')
-    return name, topic
 
 
 def _clock_event(text: str) -> tuple[float, float]:

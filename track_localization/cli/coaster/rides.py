@@ -13,6 +13,7 @@ from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import filter_ride
 from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.common import say
+from track_localization.cli.files import beside
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
 from track_localization.io.recording import read_recording
@@ -54,7 +55,7 @@ def read_setup(args: argparse.Namespace, first: Path) -> Setup:
     if args.config is not None:
         config, named = coaster_inputs.read_config(args.config)
     path = args.design_ride or named.get('design_ride')
-    path = path or coaster_inputs.beside(first, 'design_ride.csv')
+    path = path or beside(first, 'design_ride.csv')
     if path is None:
         raise DataError(f'{first}: no design_ride.csv beside it; name one with --design-ride')
     design = read_design_ride(path)
@@ -82,12 +83,3 @@ def read_ride(args: argparse.Namespace, path: Path, setup: Setup) -> tuple[Smoot
     if worst > FAR_M:
         say(f'{path}: the place is uncertain by up to {worst:.0f} m; its intervals are as wide')
     return ride, imu
-
-
-def make_folder(folder: Path) -> Path:
-    """Make the output folder; raise DataError where it cannot be made."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f'--output {folder}: cannot be made ({error.strerror})') from None
-    return folder

@@ -1,9 +1,10 @@
-"""Files beside the bag, and the nodes' parameter file as configuration."""
+"""The nodes' parameter file as configuration."""
 
 import pytest
 
 from coaster_localization.config import CoasterConfig
-from track_localization.cli.coaster.inputs import beside, config_text, read_config
+from track_localization.cli.coaster.inputs import read_config
+from track_localization.cli.parameters import config_text
 from track_localization.errors import DataError
 
 GOOD = """
@@ -64,16 +65,3 @@ def test_a_wrong_parameter_file_is_told(tmp_path, text, words):
     with pytest.raises(DataError) as error:
         read_config(written(tmp_path, text))
     assert all(word in str(error.value) for word in words)
-
-
-def test_files_are_found_in_the_bag_and_beside_it(tmp_path):
-    bag = tmp_path / 'ride' / 'bag'
-    bag.mkdir(parents=True)
-    (bag / 'a.mcap').touch()
-    (tmp_path / 'ride' / 'markers.csv').touch()
-    assert beside(bag, 'markers.csv') == tmp_path / 'ride' / 'markers.csv'
-    assert beside(bag / 'a.mcap', 'markers.csv') == tmp_path / 'ride' / 'markers.csv'
-    (bag / 'markers.csv').touch()
-    assert beside(bag, 'markers.csv') == bag / 'markers.csv'
-    assert beside(bag / 'a.mcap', 'markers.csv') == bag / 'markers.csv'
-    assert beside(bag, 'track.csv') is None
