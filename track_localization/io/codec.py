@@ -25,6 +25,7 @@ TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 IMU = 'sensor_msgs/msg/Imu'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+TWIST = 'geometry_msgs/msg/TwistWithCovarianceStamped'
 
 NANO = 10**9
 ZERO = np.zeros(3)
