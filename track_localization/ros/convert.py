@@ -21,7 +21,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TwistWithCovarianceStamped,
+)
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
@@ -36,6 +40,10 @@ MAX_FORCE, MAX_RATE = 1e4, 1e3
 """Beyond any accelerometer [m/s^2] and gyro [rad/s]: garbage, not motion."""
 MAX_POSITION, MAX_VARIANCE = 1e7, 1e14
 """Beyond any track [m] and any doubt about it [m^2]."""
+MAX_SPEED = 1e4
+"""Beyond any vehicle on a track [m/s]."""
+BALISE_FRAME = 'balise_'
+"""What the frame of a balise begins with; its id follows."""
 
 
 class PoseEstimate(Protocol):
@@ -137,7 +145,39 @@ def chainage(msg: PoseWithCovarianceStamped, frame: str = 'track') -> tuple[floa
     s, variance = msg.pose.pose.position.x, float(msg.pose.covariance[0])
     if not abs(s) < MAX_POSITION:
         return _why((s,))
-    return covariance_problem(np.array([[variance]])) or (s, variance)
+    return variance_problem(variance) or (s, variance)
+
+
+def balise(msg: PoseWithCovarianceStamped) -> tuple[str, float, float] | str:
+    """
+    Return the id of a balise, how far the antenna is ahead of it [m] and the variance [m^2].
+
+    Or the reason why the message cannot be used; its frame is ``balise_<id>``.
+    """
+    frame = msg.header.frame_id
+    name = frame.removeprefix(BALISE_FRAME) if frame.startswith(BALISE_FRAME) else ''
+    read = chainage(msg, frame if name else f'{BALISE_FRAME}<id>')
+    return read if isinstance(read, str) else (name, *read)
+
+
+def speed(msg: TwistWithCovarianceStamped, frame: str) -> tuple[float, float] | str:
+    """Return the forward speed [m/s] and its variance [m^2/s^2], or the reason why not."""
+    problem = header_problem(msg.header, frame)
+    if problem is not None:
+        return problem
+    v, variance = msg.twist.twist.linear.x, float(msg.twist.covariance[0])
+    if not abs(v) < MAX_SPEED:
+        return _why((v,))
+    return variance_problem(variance) or (v, variance)
+
+
+def variance_problem(variance: float) -> str | None:
+    """Return the reason why a variance is none to fuse with, or None; see the reasons above."""
+    if not math.isfinite(variance):
+        return 'covariance_not_finite'
+    if variance > MAX_VARIANCE:
+        return 'implausible'
+    return None if variance > 0.0 else 'covariance_not_positive'
 
 
 def covariance_problem(P: Array) -> str | None:

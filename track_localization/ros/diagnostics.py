@@ -16,7 +16,8 @@ from track_localization.ros.qos import OUTPUT_QOS
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REMEDIES = {
     'empty_frame': 'the sender must set header.frame_id',
-    'wrong_frame': 'set frame_imu or frame_map, or the frame_id of the sender',
+    'wrong_frame': 'set the frame_id of the sender, or the frame_... parameters of this node',
+    'unknown_id': 'name the table of this line in the parameter balises',
     'backward_time': 'after a restarted recording, call ~/reset',
     'bad_stamp': 'the sender must stamp with the time of measurement',
 }
@@ -27,10 +28,13 @@ class StampGaps:
     Count the messages that never came, from the stamps of those that did.
 
     DDS loses silently. The usual interval is learnt from the stamps themselves; one of more than
-    1.5 of it is a gap. When the rate changes for good, the new interval is taken over.
+    1.5 of it is a gap. When the rate changes for good, the new interval is taken over. A message
+    that comes late, after newer ones, was counted as lost, and no longer is.
     """
 
     ADOPT_AFTER = 20
+    LATE_S = 5.0
+    """Further back than this is another recording, not a late message."""
 
     def __init__(self) -> None:
         self.gaps = 0
@@ -41,6 +45,9 @@ class StampGaps:
 
     def add(self, time_s: float) -> None:
         """Take the stamp of a message that arrived [s]; backward ones are not judged."""
+        if self._latest is not None and 0.0 < self._latest - time_s < self.LATE_S:
+            self.lost = max(self.lost - 1, 0)
+            return
         latest, self._latest = self._latest, time_s
         if latest is None or not 0.0 < (dt := time_s - latest) < 1e6:
             return
@@ -69,11 +76,15 @@ class StreamHealth:
 
     ``now`` returns the node's time [s]; one message in 64 is asked how late it arrived. Where a
     stream has a better idea of its latency the node sets ``latency_s`` itself. ``expected``: its
-    silence is worth a warning.
+    silence is worth a warning. ``regular``: its messages come at a rate, so that gaps can be told.
+    ``why_silent``, where the node sets it, returns what is wrong with who should send, or ''.
     """
 
-    def __init__(self, now: Callable[[], float] | None = None, expected: bool = True) -> None:
-        self.expected = expected
+    def __init__(
+        self, now: Callable[[], float] | None = None, expected: bool = True, regular: bool = True
+    ) -> None:
+        self.expected, self.regular = expected, regular
+        self.why_silent: Callable[[], str] = lambda: ''
         self._now = now
         self.gaps = StampGaps()
         self.received = 0
@@ -86,12 +97,14 @@ class StreamHealth:
     def arrived(self, time_s: float) -> None:
         """Note the stamp [s] of a message that could be read."""
         self.received += 1
-        self.gaps.add(time_s)
-        self._latest = time_s
+        if self.regular:
+            self.gaps.add(time_s)
+        if not 0.0 < self._latest - time_s < StampGaps.LATE_S:
+            self._latest = time_s
         if self._now is not None and self.received % 64 == 1:
             self.latency_s = self._now() - time_s
-        if not self._since <= time_s:
-            self._since = time_s
+        if not self._since <= self._latest:
+            self._since = self._latest
 
     def refused(self, reason: str) -> None:
         """Note a message that could not be read."""
@@ -130,6 +143,8 @@ class StreamHealth:
             return WARN, f'{name}: {refused} of {new} rejected', figures
         if gaps:
             return WARN, f'{name}: {gaps} gaps in the stamps', figures
+        if not new and (why := self.why_silent()):
+            return ERROR, f'{name}: {why}', figures
         if not new and self.expected:
             return WARN, f'{name}: no messages', figures
         return OK, f'{name}: ok', figures
@@ -140,8 +155,9 @@ class Diagnostics:
     Publish ``/diagnostics`` at 1 Hz of wall time, whatever the node's clock does.
 
     ``streams`` are the node's sensors by name. ``core_rejected`` returns the counts of the core,
-    sensor -> reason -> count; ``core_figures`` its other figures. Under simulated time the stamps
-    are simulated, but health is still told when /clock stands still.
+    sensor -> reason -> count; ``core_figures`` its other figures, those of a sensor as
+    'figure.sensor' ('health.loop' other than 'ok' is worth a warning). Under simulated time the
+    stamps are simulated, but health is still told when /clock stands still.
     """
 
     def __init__(
@@ -162,16 +178,19 @@ class Diagnostics:
         """Publish one array: a status for the node's core and one for each sensor."""
         wall = max(time.monotonic() - self._last_wall, 1e-3)
         self._last_wall = time.monotonic()
-        core = self._core_rejected()
+        core, figures = self._core_rejected(), dict(self._core_figures())
         msg = DiagnosticArray()
         msg.header.stamp = self._node.get_clock().now().to_msg()
         levels = []
         for name, stream in self._streams.items():
-            level, text, figures = stream.report(name, wall, core.get(name, {}))
+            level, text, own = stream.report(name, wall, core.get(name, {}))
+            for key in [key for key in figures if key.endswith(f'.{name}')]:
+                own[key.removesuffix(f'.{name}')] = figures.pop(key)
+            if level == OK and own.get('health', 'ok') != 'ok':
+                level, text = WARN, f'{name}: {own["health"]}'
             levels.append((level, text))
-            msg.status.append(self._status(name, level, text, figures))
+            msg.status.append(self._status(name, level, text, own))
         level, text = max(levels, key=lambda item: item[0], default=(OK, 'ok'))
-        figures = dict(self._core_figures())
         text = str(figures.get('status', '')) or text
         msg.status.insert(0, self._status('', level, text, figures))
         self._publisher.publish(msg)

@@ -11,6 +11,7 @@ fell behind catches up instead of losing messages.
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -21,6 +22,9 @@ from rclpy.subscription import Subscription
 
 BURST = 100
 """Messages handled before other callbacks get their turn."""
+BACKLOG = 6000
+"""The same where order matters: the whole queues of three sensors."""
+ARRIVAL = 'received_timestamp'
 
 
 def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile) -> Publisher:
@@ -46,3 +50,44 @@ def subscribe(
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     subscription = node.create_subscription(kind, topic, handle, qos, event_callbacks=events)
     return subscription
+
+
+class InOrder:
+    """
+    Several subscriptions whose messages are handled in the order in which they arrived.
+
+    Left to itself a node that fell behind takes what waits topic by topic: half a second of one
+    sensor, then half a second of the next, which an estimator must take for late.
+    """
+
+    def __init__(self) -> None:
+        self._joined: list[tuple[Subscription, Callable[[Any], None]]] = []
+
+    def subscribe(
+        self, node: Node, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile
+    ) -> Subscription:
+        """Subscribe; one wake-up handles all messages that wait, on whichever topic."""
+
+        def handle(msg: Any, info: dict[str, int]) -> None:
+            waiting = [(info[ARRIVAL], callback, msg)]
+            # Once more after the last one found: one topic may fill while another is emptied.
+            while len(waiting) < BACKLOG and (more := self._take()):
+                waiting += more
+            for _, call, taken in sorted(waiting, key=itemgetter(0)):
+                call(taken)
+
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        subscription = node.create_subscription(kind, topic, handle, qos, event_callbacks=events)
+        self._joined.append((subscription, callback))
+        return subscription
+
+    def _take(self) -> list[tuple[int, Callable[[Any], None], Any]]:
+        """Take what waits, of each topic."""
+        found: list[tuple[int, Callable[[Any], None], Any]] = []
+        for subscription, callback in self._joined:
+            with subscription.handle:
+                while len(found) < BACKLOG and (
+                    taken := subscription.handle.take_message(subscription.msg_type, False)
+                ):
+                    found.append((taken[1][ARRIVAL], callback, taken[0]))
+        return found
