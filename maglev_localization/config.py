@@ -30,6 +30,9 @@ class LoopConfig:
 
     pitch_m: float = setting(0.2, 'm', 'distance of crossings; 0: readings are not counts', 0.0, 5)
     slope_sigma: float = setting(1e-4, '', 'of the distance counted per metre, minus 1', 0.0, 0.1)
+    slope_walk: float = setting(1e-6, '1/sqrt(m)', 'walk of that slope', 0.0, 0.1)
+    offset_walk: float = setting(1e-4, 'm/sqrt(m)', 'walk of the distance counted', 0.0, 1.0)
+    noise_m: float = setting(0.02, 'm', 'of a crossing, least that is believed', 1e-6, 10.0)
     missed_share: float = setting(3e-4, '', 'of crossings not counted, or twice', 0.0, 0.2)
     burst_per_m: float = setting(1e-3, '1/m', 'rate of bursts, dead zones, glitches', 0.0, 1.0)
 
@@ -51,6 +54,8 @@ class BaliseConfig:
     """Balises and their reader."""
 
     wrong_share: float = setting(0.05, '', 'of passings that tell the id of another', 0.0, 0.9)
+    nothing_share: float = setting(0.002, '', 'of passings of no balise in the table', 1e-9, 0.9)
+    astray_share: float = setting(1e-4, '', 'of passings that find the train astray', 1e-12, 0.5)
     jitter_s: float = setting(0.002, 's', 'of the time of crossing, 1 sigma', 0.0, 1.0)
 
 

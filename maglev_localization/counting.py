@@ -1,0 +1,130 @@
+"""What the readings of a counter of crossings mean, and when a train stands; no estimation."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from maglev_localization.config import LoopConfig
+from maglev_localization.measurements import LoopPosition, RadarSpeed
+
+STILL_AFTER_S, STILL_MPS, STILL_AGAIN_S = 1.0, 0.3, 0.2
+"""A train whose count has not changed for so long, and whose radar reads less, stands; a filter is
+told so every so often."""
+
+UNCHANGED_S, SLOW_MPS = 0.2, 1.0
+"""A count that does not change is a measurement so often, while the train is slow [s], [m/s]."""
+
+ALIVE_S = 1.0
+"""A sensor not heard for so long is silent [s]."""
+
+SAME_M = 1e-6
+
+
+class Counting(NamedTuple):
+    """
+    What is remembered of the loop and the radar; times are stamps [s].
+
+    Attributes:
+        reading: the loop's last [m]; NaN before the first.
+        sampled_s: its stamp.
+        changed_s: of the last reading that differed from the one before.
+        used_s: of the last reading that was a measurement.
+        radar_mps: the radar's last speed [m/s].
+        radar_s: its stamp.
+        still_s: when a filter was last told that the train stands.
+    """
+
+    reading: float
+    sampled_s: float
+    changed_s: float
+    used_s: float
+    radar_mps: float
+    radar_s: float
+    still_s: float
+
+    @classmethod
+    def begin(cls, time_s: float) -> Counting:
+        """Return the memory of a start."""
+        nan = math.nan
+        return cls(nan, nan, time_s, time_s, nan, nan, time_s)
+
+    def still_sigma(self, time_s: float) -> float:
+        """
+        Return how well the speed is known to be zero [m/s]; 0 when it is not, or was told lately.
+
+        A count that has stood for a time leaves room for half a crossing in that time.
+        """
+        stands = (
+            time_s - self.changed_s > STILL_AFTER_S
+            and time_s - self.sampled_s < ALIVE_S
+            and time_s - self.radar_s < ALIVE_S
+            and abs(self.radar_mps) < STILL_MPS
+            and time_s - self.still_s > STILL_AGAIN_S
+        )
+        return max(0.1 / (time_s - self.changed_s), 0.02) if stands else 0.0
+
+
+class Crossing(NamedTuple):
+    """
+    What a reading says: a true distance counted, within the pitch.
+
+    Attributes:
+        position: middle of what it may mean [m].
+        variance: of that [m^2].
+        crossings: passed since the reading before, at least 1.
+        travel: distance since the last measurement [m].
+        moved: whether the count changed; else it tells no more than these bounds.
+        departed: the count had stood: nobody knows how far the train went unnoticed.
+    """
+
+    position: float
+    variance: float
+    crossings: float
+    travel: float
+    moved: bool = True
+    departed: bool = False
+
+
+def hear(
+    memory: Counting, z: LoopPosition, speed: float, loop: LoopConfig
+) -> tuple[Counting, Crossing | None]:
+    """
+    Return the new memory, and what the reading says at the predicted ``speed`` [m/s], or None.
+
+    A count that has just changed puts the train between that crossing and where it can be since
+    the reading before; one that does not change says only that the next crossing was not reached.
+    """
+    speed, pitch = abs(speed), loop.pitch_m
+    if math.isnan(memory.reading):
+        first = Counting(
+            z.reading, z.time_s, z.time_s, z.time_s, memory.radar_mps, memory.radar_s, z.time_s
+        )
+        variance = pitch * pitch / 12.0 + max(z.variance, loop.noise_m**2)
+        return first, Crossing(z.reading + 0.5 * pitch, variance, 1.0, 0.0)
+    change = z.reading - memory.reading
+    moved = pitch == 0.0 or abs(change) > SAME_M
+    elapsed = z.time_s - memory.sampled_s
+    departed = moved and z.time_s - memory.changed_s > STILL_AFTER_S and speed < SLOW_MPS
+    spread = min(pitch, speed * elapsed) if moved else pitch
+    memory = memory._replace(
+        reading=z.reading, sampled_s=z.time_s, changed_s=z.time_s if moved else memory.changed_s
+    )
+    if not moved and (speed > SLOW_MPS or z.time_s - memory.used_s <= UNCHANGED_S):
+        return memory, None
+    begin = z.reading if change >= 0.0 else z.reading + pitch - spread
+    noise = max(z.variance - pitch * pitch / 12.0, loop.noise_m**2)
+    crossing = Crossing(
+        position=begin + 0.5 * spread,
+        variance=spread * spread / 12.0 + noise,
+        crossings=max(speed * elapsed / pitch, 1.0) if pitch > 0.0 else 1.0,
+        travel=speed * (z.time_s - memory.used_s) + pitch,
+        moved=moved,
+        departed=departed,
+    )
+    return memory._replace(used_s=z.time_s), crossing
+
+
+def hear_radar(memory: Counting, z: RadarSpeed) -> Counting:
+    """Return the memory after a radar reading."""
+    return memory._replace(radar_mps=z.speed, radar_s=z.time_s)
