@@ -38,8 +38,8 @@ def lay_balises(rng: Generator, config: BaliseErrors, length: float) -> tuple[Ba
             f'setting balise.first_m: {config.first_m} m, but the line ends at {length} m; '
             'a line needs a balise'
         )
-    chainage: Array = config.first_m + config.spacing_m * np.arange(count)
-    sigma: Array = np.full(count, max(config.survey_sigma_m, LEAST_SIGMA_M))
+    chainage = np.asarray(config.first_m + config.spacing_m * np.arange(count), dtype=np.float64)
+    sigma = np.repeat(max(config.survey_sigma_m, LEAST_SIGMA_M), count)
     table = BaliseTable(tuple(f'B{i:03d}' for i in range(1, count + 1)), chainage, sigma)
     return table, chainage + config.survey_sigma_m * rng.standard_normal(count)
 
