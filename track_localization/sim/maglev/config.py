@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from track_localization.errors import DataError
-from track_localization.settings import override, setting
+from track_localization.settings import override, setting, validate, walk
 
 DAY_S = 86400.0
 
@@ -20,7 +20,7 @@ class Line:
     stops_m: str = setting('0 1700 3300 5200 7000', 'm', 'where trains stop, in a section')
     sections: int = setting(1, '', 'equal sections, end to end', 1, 1000)
     curve_radius_m: float = setting(
-        0.0, 'm', 'tightest curve; 0: a straight line without track.csv', 0.0, 1e5
+        0.0, 'm', 'tightest curve; 0: a straight line without track.csv', 0.0, 1e6
     )
     grade: float = setting(0.02, '', 'steepest slope of a line with curves', 0.0, 0.2)
 
@@ -142,6 +142,7 @@ class Clock:
     """The recording's clock."""
 
     start_s: float = setting(1000.0, 's', 'at the start', 0.0, 1e9)
+    truth_rate_hz: float = setting(100.0, 'Hz', 'of the truth', 1.0, 1000.0)
     staggered: bool = setting(True, '', 'sensors sample at phases of their own; else in step')
 
 
@@ -227,9 +228,17 @@ SCENARIOS: Mapping[str, Mapping[str, Any]] = {
     'radarfrozen': _dead('radar', dead_frozen=True),
     'balisedead': _dead('balise'),
     'long': {'line.sections': 17},
-    'curved': {'line.curve_radius_m': 400.0},
+    'curved': {'line.curve_radius_m': 600.0},
 }
 """Differences of each scenario from the defaults."""
+
+
+def check(config: MaglevSimConfig) -> MaglevSimConfig:
+    """Return ``config`` itself, or raise DataError for a setting out of range or order."""
+    for name, _, value in walk(validate(config)):
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise DataError(f'setting {name}: {list(value)}; give the lesser first')
+    return config
 
 
 def scenario(name: str) -> MaglevSimConfig:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,17 @@ from track_localization.sim.maglev.config import Delivery
 Array = NDArray[np.float64]
 
 
-def deliver(
-    rng: Generator, config: Delivery, time_s: Array, duration_s: float
-) -> tuple[Array, NDArray[np.bool_], dict[str, Any]]:
-    """Return when messages arrive (N,) [s], which do so at all, and what went wrong."""
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """When messages arrive (N,) [s], which of them do so at all, and what went wrong."""
+
+    arrival_s: Array
+    kept: NDArray[np.bool_]
+    info: dict[str, Any]
+
+
+def deliver(rng: Generator, config: Delivery, time_s: Array, duration_s: float) -> Way:
+    """Send messages stamped at these times (N,) of a run of this duration."""
     n = len(time_s)
     base = float(rng.uniform(*config.latency_s))
     arrival = time_s + base + config.latency_tail_s * rng.standard_exponential(n)
@@ -34,4 +42,4 @@ def deliver(
         length = float(rng.uniform(*config.gap_s))
         lost |= (time_s >= begin) & (time_s < begin + length)
         info['gaps'].append([begin, length])
-    return arrival, ~lost, info
+    return Way(arrival, ~lost, info)

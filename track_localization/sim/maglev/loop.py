@@ -8,7 +8,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from track_localization.errors import DataError
 from track_localization.sim.maglev.config import LoopErrors
 from track_localization.sim.maglev.motion import Motion
 
@@ -17,6 +16,9 @@ Counts = NDArray[np.int64]
 
 CLAIMED_SIGMA_M = 0.02
 """What a sender claims beside quantisation [m]."""
+
+LEAST_SIGMA_M = 0.001
+"""The least a sender claims [m]: a variance must be positive."""
 
 JUMP_WINDOW_S = 0.05
 
@@ -32,9 +34,9 @@ def read_loop(
     s = motion.at(time_s)[0]
     if config.absolute:
         reading = s + config.noise_m * rng.standard_normal(len(s))
-        return reading, np.full(len(s), config.noise_m**2), {}
+        return reading, np.full(len(s), max(config.noise_m, LEAST_SIGMA_M) ** 2), {}
     index = np.floor(s / config.pitch_m + 1e-9).astype(np.int64)
-    steps, info = _seen(rng, config, int(motion.s[0] // config.pitch_m), index)
+    steps, info = _seen(rng, config, index)
     counts = np.cumsum(steps)[index - index[0]]
     counts += _jumps(rng, config, motion, time_s, balises_s, info)
     if config.dead_for_s > 0.0 and not config.dead_counts:
@@ -46,9 +48,7 @@ def read_loop(
     return reading + noise, np.full(len(s), variance), info
 
 
-def _seen(
-    rng: Generator, config: LoopErrors, first: int, index: Counts
-) -> tuple[Counts, dict[str, Any]]:
+def _seen(rng: Generator, config: LoopErrors, index: Counts) -> tuple[Counts, dict[str, Any]]:
     """Return how often each crossing is counted (0, 1, 2), the first one of the run 0 times."""
     steps = np.ones(int(index[-1] - index[0]) + 1, dtype=np.int64)
     missed = rng.random(len(steps)) < config.missed
@@ -61,18 +61,16 @@ def _seen(
         'bursts': [],
         'dead_zones': [],
     }
-    _ordered('loop.burst', config.burst)
-    _ordered('loop.dead_zone_m', config.dead_zone_m)
     for _ in range(rng.poisson(config.bursts_per_km * km)):
         begin = int(rng.integers(len(steps)))
         count = int(rng.integers(config.burst[0], config.burst[1], endpoint=True))
         steps[begin : begin + count] = 0
-        info['bursts'].append([(first + begin) * config.pitch_m, count])
+        info['bursts'].append([float(index[0] + begin) * config.pitch_m, count])
     for _ in range(rng.poisson(config.dead_zones_per_km * km)):
         begin = int(rng.integers(len(steps)))
         length = float(rng.uniform(*config.dead_zone_m))
         steps[begin : begin + round(length / config.pitch_m)] = 0
-        info['dead_zones'].append([(first + begin) * config.pitch_m, length])
+        info['dead_zones'].append([float(index[0] + begin) * config.pitch_m, length])
     steps[0] = 0
     return steps, info
 
@@ -100,16 +98,10 @@ def _jumps(
 
 def _blind(config: LoopErrors, time_s: Array, counts: Counts) -> Counts:
     """Return the counts less what came while the loop failed."""
-    begin = int(np.searchsorted(time_s, config.dead_from_s, 'right')) - 1
+    begin = max(int(np.searchsorted(time_s, config.dead_from_s, 'left')) - 1, 0)
     end = int(np.searchsorted(time_s, config.dead_from_s + config.dead_for_s, 'left'))
-    if begin < 0 or end >= len(counts):
-        return np.where(time_s >= config.dead_from_s, counts[max(begin, 0)], counts)
     out = counts.copy()
     out[begin:end] = counts[begin]
-    out[end:] -= counts[end] - counts[begin]
+    if end < len(counts):
+        out[end:] -= counts[end] - counts[begin]
     return out
-
-
-def _ordered(name: str, span: tuple[float, float]) -> None:
-    if span[0] > span[1]:
-        raise DataError(f'setting {name}: [{span[0]}, {span[1]}]; give the lesser first')

@@ -79,12 +79,12 @@ def plan_motion(rng: Generator, line: Line, config: MotionErrors) -> Motion:
         return _accelerating(rng, config)
     stops = stops_of(line)
     low, high = config.start_chainage_m
-    if not low <= high or high >= stops[-1]:
+    if high >= stops[-1] or low < stops[0]:
         raise DataError(
-            f'setting motion.start_chainage_m: [{low}, {high}] m; give the lesser first, both '
-            f'before the last stop at {stops[-1]} m'
+            f'setting motion.start_chainage_m: [{low}, {high}] m; give places from the first '
+            f'stop at {stops[0]} m to before the last at {stops[-1]} m'
         )
-    start = max(float(rng.uniform(low, high)), stops[0])
+    start = float(rng.uniform(low, high))
     before = stops[stops <= start]
     if start in before or not config.start_moving:
         return _between(rng, np.concatenate([[start], stops[stops > start]]), config)
@@ -130,13 +130,9 @@ def _accelerating(rng: Generator, config: MotionErrors) -> Motion:
 
 def _between(rng: Generator, stops: Array, config: MotionErrors) -> Motion:
     """Return the motion from stop to stop, with a standstill at each."""
-    low, high = config.dwell_s
-    if low > high:
-        raise DataError(f'setting motion.dwell_s: [{low}, {high}] s; give the lesser first')
     parts = []
-    for stop, stand, leg in zip(
-        stops, rng.uniform(low, high, len(stops)), [*np.diff(stops), 0.0], strict=True
-    ):
+    stands = rng.uniform(*config.dwell_s, len(stops))
+    for stop, stand, leg in zip(stops, stands, [*np.diff(stops), 0.0], strict=True):
         ramp = leg_times(leg, config.speed_mps, config.acceleration_mps2, config.jerk_mps3)
         span, jerk = np.concatenate([[stand], ramp]), config.jerk_mps3 * SENSE
         time = np.concatenate([[0.0], np.cumsum(span[span > 0.0])])

@@ -13,6 +13,9 @@ from track_localization.sim.maglev.config import RadarErrors
 
 Array = NDArray[np.float64]
 
+LEAST_SIGMA_MPS = 0.001
+"""The least a sender claims [m/s]: a variance must be positive."""
+
 
 def read_radar(
     rng: Generator, config: RadarErrors, time_s: Array, v: Array
@@ -30,7 +33,7 @@ def read_radar(
         rng.random(n) < config.least_zero, 0.0, config.least_noise_mps * rng.standard_normal(n)
     )
     told = np.where((np.abs(v) < config.least_mps) & ~outlier, crawl, told)
-    claimed = (config.noise_mps + config.noise_share * np.abs(told)) ** 2
+    claimed = np.maximum(config.noise_mps + config.noise_share * np.abs(told), LEAST_SIGMA_MPS) ** 2
     info = {'scale': float(scale), 'slips': slips, 'outliers': int(outlier.sum())}
     return told, claimed, info
 

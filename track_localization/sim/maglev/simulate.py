@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
-from track_localization.settings import validate
 from track_localization.sim.maglev.balise import hear_balises, lay_balises
-from track_localization.sim.maglev.config import MaglevSimConfig
+from track_localization.sim.maglev.config import MaglevSimConfig, check
 from track_localization.sim.maglev.delivery import deliver
+from track_localization.sim.maglev.guideway import Guideway, guideway_of
 from track_localization.sim.maglev.loop import read_loop
 from track_localization.sim.maglev.motion import Motion, plan_motion
 from track_localization.sim.maglev.radar import read_radar
@@ -23,9 +23,11 @@ from track_localization.track.track_file import TrackFile
 
 Array = NDArray[np.float64]
 
-TRUTH_RATE_HZ = 100.0
 SENSORS = ('balise', 'loop', 'radar')
 """In the order in which messages of the same arrival are recorded."""
+
+PARTS = ('motion', 'survey', 'phase', 'loop', 'radar', 'balise', *(f'{s} way' for s in SENSORS))
+"""What draws random numbers of its own."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +71,7 @@ class SimulatedRun:
         table: the balises as surveyed.
         track: the line in ``map``; None where it is straight.
         info: what went wrong, by sensor; times in seconds of the run.
+        guideway: the line's closed form, which ``track`` samples; None where it is straight.
     """
 
     time_s: Array
@@ -81,6 +84,7 @@ class SimulatedRun:
     table: BaliseTable
     track: TrackFile | None
     info: dict[str, Any]
+    guideway: Guideway | None = None
 
     def arrivals(self) -> list[tuple[str, int]]:
         """Return (sensor, row of its stream) of every message in the order of arrival."""
@@ -92,13 +96,19 @@ class SimulatedRun:
         return list(zip(names[order].tolist(), rows[order].tolist(), strict=True))
 
     def truth(self) -> Trajectory:
-        """Return the true motion in ``map``; without a track x is the chainage."""
-        zero = np.zeros_like(self.chainage)
+        """Return the true motion in ``map``; on a straight line x is the chainage."""
+        s, zero = self.chainage, np.zeros_like(self.chainage)
+        front, quaternion = np.array([1.0, 0.0, 0.0]), None
+        position = np.stack([s, zero, zero], axis=1)
+        if self.guideway is not None:
+            position, front = self.guideway.position(s), self.guideway.direction(s)
+            quaternion = self.guideway.quaternion(s)
         return Trajectory(
             time_s=self.time_s,
-            position=np.stack([self.chainage, zero, zero], axis=1),
-            velocity=np.stack([self.speed, zero, zero], axis=1),
-            chainage=self.chainage,
+            position=position,
+            quaternion=quaternion,
+            velocity=self.speed[:, None] * front,
+            chainage=s,
             speed=self.speed,
         )
 
@@ -110,56 +120,61 @@ def simulate_maglev(config: MaglevSimConfig | None = None, seed: int = 1) -> Sim
     Motion, survey, sensors and delivery draw from generators of their own, so that a setting of
     one leaves the others as they were. Raise DataError when settings contradict each other.
     """
-    config = validate(config or MaglevSimConfig())
+    config = check(config or MaglevSimConfig())
     if seed < 0:
         raise DataError(f'seed {seed}: must not be negative')
-    rng = dict(zip(PARTS, np.random.SeedSequence(seed).spawn(len(PARTS)), strict=True))
-    draw = {part: np.random.default_rng(sequence) for part, sequence in rng.items()}
+    draw = _generators(seed)
     motion = plan_motion(draw['motion'], config.line, config.motion)
     length = config.line.length_m * config.line.sections
     table, place = lay_balises(draw['survey'], config.balise, length)
     loop, loop_info = _loop(draw, config, motion, place)
     radar, radar_info = _radar(draw, config, motion)
     balise, balise_info = _balise(draw, config, motion, table, place)
-    start = config.clock.start_s
-    t = _ticks(motion, TRUTH_RATE_HZ, 0.0)
-    s, v, a = motion.at(t)
-    info = {'loop': loop_info, 'radar': radar_info, 'balise': balise_info}
-    return SimulatedRun(start + t, s, v, a, loop, radar, balise, table, None, info)
+    t = _ticks(motion, config.clock.truth_rate_hz, 0.0)
+    guideway = guideway_of(config.line)
+    return SimulatedRun(
+        config.clock.start_s + t,
+        *motion.at(t),
+        loop=loop,
+        radar=radar,
+        balise=balise,
+        table=table,
+        track=guideway.track() if guideway else None,
+        info={'loop': loop_info, 'radar': radar_info, 'balise': balise_info},
+        guideway=guideway,
+    )
 
 
-PARTS = ('motion', 'survey', 'phase', 'loop', 'radar', 'balise', *(f'{s} way' for s in SENSORS))
-"""What draws random numbers of its own."""
+def _generators(seed: int) -> dict[str, Generator]:
+    """Return a generator for each part of the simulation."""
+    sequences = np.random.SeedSequence(seed).spawn(len(PARTS))
+    return {p: np.random.default_rng(s) for p, s in zip(PARTS, sequences, strict=True)}
 
 
 def _loop(
     draw: dict[str, Generator], config: MaglevSimConfig, motion: Motion, place: Array
 ) -> tuple[Stream, dict[str, Any]]:
-    phase = draw['phase'].uniform() if config.clock.staggered else 0.0
-    t = _ticks(motion, config.loop.rate_hz, phase)
+    e = config.loop
+    t = _ticks(motion, e.rate_hz, _phase(draw, config))
     crossed = motion.passing_times(place)
     crossed = crossed[np.isfinite(crossed)]
-    value, variance, info = read_loop(draw['loop'], config.loop, motion, t, crossed)
-    e = config.loop
+    value, variance, info = read_loop(draw['loop'], e, motion, t, crossed)
     value, alive = _failing(t, value, e.dead_from_s, e.dead_for_s, e.dead_frozen)
-    arrival, kept, way = deliver(draw['loop way'], config.delivery, t, motion.duration_s)
-    keep, start = kept & alive, config.clock.start_s
-    stream = Stream(start + t[keep], start + arrival[keep], value[keep], variance[keep])
-    return stream, {**info, **way}
+    way = deliver(draw['loop way'], config.delivery, t, motion.duration_s)
+    keep = way.kept & alive
+    return _stream(config, t, way.arrival_s, value, variance, keep), {**info, **way.info}
 
 
 def _radar(
     draw: dict[str, Generator], config: MaglevSimConfig, motion: Motion
 ) -> tuple[Stream, dict[str, Any]]:
-    phase = draw['phase'].uniform() if config.clock.staggered else 0.0
-    t = _ticks(motion, config.radar.rate_hz, phase)
-    value, variance, info = read_radar(draw['radar'], config.radar, t, motion.at(t)[1])
     e = config.radar
+    t = _ticks(motion, e.rate_hz, _phase(draw, config))
+    value, variance, info = read_radar(draw['radar'], e, t, motion.at(t)[1])
     value, alive = _failing(t, value, e.dead_from_s, e.dead_for_s, e.dead_frozen)
-    arrival, kept, way = deliver(draw['radar way'], config.delivery, t, motion.duration_s)
-    keep, start = kept & alive, config.clock.start_s
-    stream = Stream(start + t[keep], start + arrival[keep], value[keep], variance[keep])
-    return stream, {**info, **way}
+    way = deliver(draw['radar way'], config.delivery, t, motion.duration_s)
+    keep = way.kept & alive
+    return _stream(config, t, way.arrival_s, value, variance, keep), {**info, **way.info}
 
 
 def _balise(
@@ -170,19 +185,34 @@ def _balise(
     place: Array,
 ) -> tuple[BaliseStream, dict[str, Any]]:
     heard, info = hear_balises(draw['balise'], config.balise, motion, table, place)
-    t, start = heard.time_s, config.clock.start_s
-    arrival, keep, way = deliver(draw['balise way'], config.delivery, t, motion.duration_s)
-    ids = tuple(told for told, kept in zip(heard.id, keep, strict=True) if kept)
-    stream = BaliseStream(
-        start + t[keep], start + arrival[keep], heard.offset[keep], heard.variance[keep], ids
-    )
-    return stream, {**info, **way}
+    way = deliver(draw['balise way'], config.delivery, heard.time_s, motion.duration_s)
+    plain = _stream(config, heard.time_s, way.arrival_s, heard.offset, heard.variance, way.kept)
+    ids = tuple(told for told, kept in zip(heard.id, way.kept, strict=True) if kept)
+    stream = BaliseStream(plain.time_s, plain.arrival_s, plain.value, plain.variance, ids)
+    return stream, {**info, **way.info}
+
+
+def _phase(draw: dict[str, Generator], config: MaglevSimConfig) -> float:
+    """Return when a sensor first samples, in sample periods."""
+    return float(draw['phase'].uniform()) if config.clock.staggered else 0.0
 
 
 def _ticks(motion: Motion, rate_hz: float, phase: float) -> Array:
     """Return the times of a run at which a sensor samples [s]."""
     count = int(np.floor(motion.duration_s * rate_hz - phase + 1e-9)) + 1
     return np.asarray((np.arange(count) + phase) / rate_hz)
+
+
+def _stream(
+    config: MaglevSimConfig,
+    time_s: Array,
+    arrival_s: Array,
+    value: Array,
+    variance: Array,
+    keep: NDArray[np.bool_],
+) -> Stream:
+    start = config.clock.start_s
+    return Stream(start + time_s[keep], start + arrival_s[keep], value[keep], variance[keep])
 
 
 def _failing(
