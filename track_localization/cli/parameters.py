@@ -16,14 +16,19 @@ OF_NODES_ONLY = frozenset({'frame_map', 'frame_base', 'frame_imu', 'publish_tf',
 
 
 def read_parameters(
-    path: Path, default: T, nodes: Collection[str], roles: Collection[str]
+    path: Path,
+    default: T,
+    nodes: Collection[str],
+    roles: Collection[str],
+    skipped: tuple[str, ...] = (),
 ) -> tuple[T, dict[str, Path]]:
     """
     Read a ROS parameter file: the settings of some nodes, and the files that it names.
 
     Sections are ``/**`` and those of ``nodes``, in any namespace, each with ``ros__parameters``;
-    the sections of other nodes are skipped. ``roles`` are the parameters that name files. Raise
-    DataError for an unknown name, or two nodes that disagree.
+    the sections of other nodes are skipped. ``roles`` are the parameters that name files,
+    ``skipped`` the beginnings of further names that are the nodes' alone. Raise DataError for an
+    unknown name, or two nodes that disagree.
     """
     values: dict[str, Any] = {}
     for section, body in load_yaml(path).items():
@@ -43,7 +48,11 @@ def read_parameters(
     for role in roles:
         if value := values.pop(role, None):
             named[role] = Path(str(value))
-    settings = {k: v for k, v in values.items() if k not in OF_NODES_ONLY}
+    settings = {
+        name: value
+        for name, value in values.items()
+        if name not in OF_NODES_ONLY and not name.startswith(skipped)
+    }
     try:
         return override(default, settings), named
     except DataError as error:

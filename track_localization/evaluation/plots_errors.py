@@ -24,7 +24,10 @@ FLOOR_M = 0.01
 
 
 def error_along_track(
-    file: Path, errors: Mapping[str, RideErrors], markers: Mapping[str, float]
+    file: Path,
+    errors: Mapping[str, RideErrors],
+    markers: Mapping[str, float],
+    called: str = 'markers',
 ) -> Path:
     """
     Draw each method's error along the track by true chainage, with the band of 2 sigma.
@@ -33,6 +36,7 @@ def error_along_track(
         file: the PNG to write.
         errors: by method; one panel each.
         markers: chainage [m] by name, drawn as ticks.
+        called: what the ticks are.
     """
     count = max(1, len(errors))
     figure = new_figure(11.0, 1.2 + 2.3 * count)
@@ -50,7 +54,7 @@ def error_along_track(
         axes.legend(frameon=False, loc='upper left', ncols=2, fontsize='small')
         dress(axes, '', 'error [m]')
     panels[0].set_title(
-        'error along the track, positive ahead; orange ticks are markers',
+        f'error along the track, positive ahead; orange ticks are {called}',
         loc='left',
         fontsize='medium',
     )

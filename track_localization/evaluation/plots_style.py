@@ -28,6 +28,9 @@ COLOURS: Mapping[str, str] = {
     'track_filter': '#4b0092',
     'track_filter_lag': '#8856a7',
     'track_filter_smoothed': '#dc267f',
+    'paper': '#c51b7d',
+    'robust': '#1a9850',
+    'kalman': '#2166ac',
 }
 """Colours that stay with a method in every picture."""
 
