@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from track_localization.cli.common import DONE, WRONG_USAGE
 
-SYSTEMS = {'coaster': 'roller coaster'}
+SYSTEMS = {'coaster': 'roller coaster', 'maglev': 'maglev train'}
 """Systems, each with a folder of command lines here, and what they are."""
 
 

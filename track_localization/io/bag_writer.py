@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import heapq
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+    WriterError,
+)
 
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
@@ -20,18 +28,27 @@ from track_localization.io import codec
 Array = NDArray[np.float64]
 
 
+class Message(NamedTuple):
+    """A serialised message: its topic and type, and when it was logged [ns]."""
+
+    topic: str
+    msgtype: str
+    log_time_ns: int
+    cdr: bytes
+
+
 class BagWriter:
     """
     A new bag: a folder with an mcap file and ``metadata.yaml``; use it in a ``with`` statement.
 
     It is closed, index and all, even when an exception leaves the ``with`` block, so that what was
     written until then can be read. An existing folder is replaced only with ``overwrite``, and
-    then only if it is empty or a bag.
+    then only if it is empty or a bag. With ``compress`` its chunks are zstd, as ROS 2 reads them.
     """
 
-    def __init__(self, path: str | Path, overwrite: bool = False) -> None:
+    def __init__(self, path: str | Path, overwrite: bool = False, compress: bool = False) -> None:
         self.path = Path(path)
-        self._overwrite = overwrite
+        self._overwrite, self._compress = overwrite, compress
         self._writer: Writer | None = None
         self._connections: dict[tuple[str, str], Connection] = {}
 
@@ -40,6 +57,8 @@ class BagWriter:
             self._clear()
         try:
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
+            if self._compress:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
         except (WriterError, OSError) as error:
             raise DataError(f'{self.path}: cannot write a bag here ({error})') from None
@@ -72,6 +91,15 @@ class BagWriter:
         """Write one message of rosbags' Jazzy type store."""
         cdr = codec.TYPESTORE.serialize_cdr(message, msgtype)
         self.write_raw(topic, msgtype, log_time_ns, bytes(cdr))
+
+    def write_in_order(self, *streams: Iterable[Message]) -> None:
+        """
+        Write several topics into one another, by log time; of the same, the first stream leads.
+
+        Each stream must be in order of log time itself.
+        """
+        for message in heapq.merge(*streams, key=_log_time):
+            self.write_raw(*message)
 
     def write_imu(self, topic: str, series: ImuSeries, frame_id: str = 'imu_link') -> None:
         """Write sensor_msgs/Imu, logged at their own stamps; NaN rates become "no gyro"."""
@@ -120,3 +148,7 @@ class BagWriter:
                 f'{self.path} holds more than a bag ({min(strangers)}); not overwriting it'
             )
         shutil.rmtree(self.path)
+
+
+def _log_time(message: Message) -> int:
+    return message.log_time_ns

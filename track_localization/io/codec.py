@@ -1,5 +1,5 @@
 """
-Between ROS 2 messages of a bag and arrays: stamps, Imu, Odometry, PoseWithCovarianceStamped.
+Between ROS 2 messages of a bag and arrays: stamps, Imu, Odometry, Pose and Twist.
 
 The messages are those of rosbags' Jazzy type store; nothing here needs a ROS installation.
 """
@@ -131,11 +131,7 @@ def odometry_cdrs(trajectory: Trajectory, frame_id: str, child: str) -> Iterator
         header=header(0, frame_id),
         child_frame_id=child,
         pose=_blank_pose(),
-        twist=make(
-            'geometry_msgs/msg/TwistWithCovariance',
-            twist=make('geometry_msgs/msg/Twist', linear=_vector(ZERO), angular=_vector(ZERO)),
-            covariance=np.zeros(36),
-        ),
+        twist=_blank_twist(),
     )
     yield from _filled(ODOMETRY, template, trajectory.time_s, numbers)
 
@@ -151,6 +147,16 @@ def pose_cdrs(
     template = make(POSE, header=header(0, frame_id), pose=_blank_pose())
     numbers = _pose_numbers(position, quaternion, covariance)
     yield from _filled(POSE, template, time_s, numbers)
+
+
+def twist_cdrs(
+    time_s: Array, speed: Array, variance: Array, frame_id: str
+) -> Iterator[tuple[int, bytes]]:
+    """Yield (stamp [ns], TwistWithCovarianceStamped as CDR) of forward speeds (N,) [m/s]."""
+    template = make(TWIST, header=header(0, frame_id), twist=_blank_twist())
+    numbers = np.zeros((len(time_s), 42))  # linear and angular velocity, covariance
+    numbers[:, 0], numbers[:, 6] = speed, variance
+    yield from _filled(TWIST, template, time_s, numbers)
 
 
 def odometry_row(message: Any) -> tuple[float, ...]:
@@ -226,6 +232,11 @@ def _blank_pose() -> Any:
         orientation=_quaternion(None),
     )
     return make('geometry_msgs/msg/PoseWithCovariance', pose=pose, covariance=np.zeros(36))
+
+
+def _blank_twist() -> Any:
+    twist = make('geometry_msgs/msg/Twist', linear=_vector(ZERO), angular=_vector(ZERO))
+    return make('geometry_msgs/msg/TwistWithCovariance', twist=twist, covariance=np.zeros(36))
 
 
 def _pose_numbers(position: Array, quaternion: Array | None, covariance: Array | None) -> Array:

@@ -51,6 +51,10 @@ class Stream:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    def columns(self) -> tuple[Array, Array, Array, Array]:
+        """Return stamps, arrivals, values and variances."""
+        return self.time_s, self.arrival_s, self.value, self.variance
+
 
 @dataclasses.dataclass(frozen=True)
 class BaliseStream(Stream):
@@ -85,6 +89,11 @@ class SimulatedRun:
     track: TrackFile | None
     info: dict[str, Any]
     guideway: Guideway | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """How long the run is [s]."""
+        return float(self.time_s[-1] - self.time_s[0])
 
     def arrivals(self) -> list[tuple[str, int]]:
         """Return (sensor, row of its stream) of every message in the order of arrival."""
