@@ -20,6 +20,7 @@ from track_localization.estimation.trajectory import Trajectory
 from track_localization.io.bag_writer import BagWriter
 from track_localization.ros import cdr
 from track_localization.ros.convert import seconds
+from track_localization.ros.pace import Progress
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.replay import SensorPublisherNode
 
@@ -57,8 +58,8 @@ def wait_until(condition, timeout=5.0) -> bool:
 class Consumer:
     """A node that answers each Imu with an odometry of the same stamp, like a filter."""
 
-    def __init__(self, ros, silent=0, stall_after=10**9, busy_s=0.0):
-        self.node = ros.node('consumer')
+    def __init__(self, ros, silent=0, stall_after=10**9, busy_s=0.0, each=1):
+        self.node, self.each = ros.node('consumer'), each
         self.received: list[Imu] = []
         self.silent, self.stall_after, self.busy_s = silent, stall_after, busy_s
         self.pub = self.node.create_publisher(Odometry, 'odometry', OUTPUT_QOS)
@@ -67,7 +68,8 @@ class Consumer:
     def on_imu(self, msg: Imu) -> None:
         self.received.append(msg)
         time.sleep(self.busy_s)
-        if self.silent < len(self.received) <= self.stall_after:
+        due = len(self.received) % self.each == 0
+        if due and self.silent < len(self.received) <= self.stall_after:
             self.pub.publish(Odometry(header=msg.header))
 
     @property
@@ -124,6 +126,48 @@ def test_rate_zero_passes_a_gap_in_the_recording_without_a_stall(ros, tmp_path):
     ros.run_replay(node)
     assert consumer.numbers == [*range(300), *range(300)]
     assert time.monotonic() - begin < 10.0
+
+
+@pytest.mark.parametrize(('rate_hz', 'gap_s'), [(100.0, 30.0), (1.0, 0.0)])
+def test_rate_zero_does_not_wait_for_stamps_that_no_answer_has(ros, tmp_path, rate_hz, gap_s):
+    """
+    A consumer that answers one message of three, as a filter does that publishes with one sensor.
+
+    Neither before a gap nor at one message a second does it ever tell of the newest stamp sent.
+    """
+    before, after = series(100, rate_hz), series(100, rate_hz)
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.write_imu('imu/data_raw', before)
+        later = before.time_s[-1] - after.time_s[0] + gap_s + 1.0 / rate_hz
+        bag.write_imu(
+            'imu/data_raw',
+            ImuSeries(after.time_s + later, after.specific_force, after.angular_rate),
+        )
+    consumer = Consumer(ros, each=3)
+    node = ros.make_apart(
+        ImuPublisherNode, source=str(tmp_path / 'bag'), rate=0.0, pace_timeout=60.0
+    )
+    begin = time.monotonic()
+    ros.run_replay(node)
+    assert consumer.numbers == [*range(100), *range(100)]
+    assert time.monotonic() - begin < 10.0
+
+
+def test_progress_shortens_pauses():
+    """Steps of 10 of which 4 count at most, two stamps that are late, then a start anew."""
+    way = Progress(longest_ns=4)
+    assert way.behind_ns() == way.behind_ns(7) == 0
+    for stamp in (100, 102, 112, 111, 105):
+        assert way.send(stamp)
+    assert (way.behind_ns(), way.behind_ns(113), way.behind_ns(1000)) == (6, 7, 10)
+    way.consume(111)
+    assert (way.behind_ns(), way.behind_ns(101)) == (4, 4)
+    way.consume(50)
+    assert way.behind_ns() == 4
+    way.consume(112)
+    assert way.behind_ns() == 0
+    assert not way.send(112 - 6 * 10**9)
+    assert way.behind_ns() == 0
 
 
 def test_rate_zero_without_a_consumer_ends_with_a_reason(ros, write_bag):
