@@ -47,6 +47,7 @@ setup(
             'srdtw_matcher = coaster_localization.nodes.srdtw_matcher:main',
             'coaster_eskf = coaster_localization.nodes.eskf:main',
             'coaster_track_filter = coaster_localization.nodes.track_filter:main',
+            'maglev_federated_pf = maglev_localization.nodes.federated_pf:main',
             'simulate = track_localization.cli.simulate:main',
             'evaluate = track_localization.cli.evaluate:main',
             'locate = track_localization.cli.locate:main',

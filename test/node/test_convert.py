@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -163,6 +163,74 @@ def test_chainage_goes_out_and_comes_back():
     assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (5, 250_000_000)
     msg.pose.covariance[0] = 0.0
     assert convert.chainage(msg) == 'covariance_not_positive'
+
+
+def along(frame, x=3.0, variance=0.25, sec=12) -> PoseWithCovarianceStamped:
+    msg = PoseWithCovarianceStamped()
+    msg.header.frame_id, msg.header.stamp.sec = frame, sec
+    msg.pose.pose.position.x, msg.pose.covariance[0] = x, variance
+    return msg
+
+
+@pytest.mark.parametrize('name', ['7', 'b_7', 'balise_7', ' ', 'ü', '<id>'])
+def test_a_balise_tells_its_id_by_its_frame(name):
+    assert convert.balise(along(f'balise_{name}', -0.4)) == (name, -0.4, 0.25)
+
+
+@pytest.mark.parametrize(
+    ('msg', 'reason'),
+    [
+        (along(''), 'empty_frame'),
+        (along('balise_'), 'wrong_frame'),
+        (along('balise'), 'wrong_frame'),
+        (along('track'), 'wrong_frame'),
+        (along('/balise_7'), 'wrong_frame'),
+        (along('Balise_7'), 'wrong_frame'),
+        (along('balise_7', math.nan), 'not_finite'),
+        (along('balise_7', -math.inf), 'not_finite'),
+        (along('balise_7', 1e300), 'implausible'),
+        (along('balise_7', variance=0.0), 'covariance_not_positive'),
+        (along('balise_7', variance=-0.25), 'covariance_not_positive'),
+        (along('balise_7', variance=math.nan), 'covariance_not_finite'),
+        (along('balise_7', variance=math.inf), 'covariance_not_finite'),
+        (along('balise_7', variance=1e300), 'implausible'),
+        (along('balise_7', sec=-1), 'bad_stamp'),
+    ],
+)
+def test_bad_balises_are_refused_by_name(msg, reason):
+    assert convert.balise(msg) == reason
+
+
+def twist(x=20.0, variance=0.04, frame='base_link', sec=12) -> TwistWithCovarianceStamped:
+    msg = TwistWithCovarianceStamped()
+    msg.header.frame_id, msg.header.stamp.sec = frame, sec
+    msg.twist.twist.linear.x, msg.twist.covariance[0] = x, variance
+    msg.twist.twist.linear.y, msg.twist.covariance[7] = 99.0, 88.0
+    return msg
+
+
+@pytest.mark.parametrize('v', [20.0, 0.0, -3.0])
+def test_a_speed_is_read(v):
+    assert convert.speed(twist(v), 'base_link') == (v, 0.04)
+
+
+@pytest.mark.parametrize(
+    ('msg', 'reason'),
+    [
+        (twist(frame=''), 'empty_frame'),
+        (twist(frame='radar_link'), 'wrong_frame'),
+        (twist(math.nan), 'not_finite'),
+        (twist(math.inf), 'not_finite'),
+        (twist(-1e300), 'implausible'),
+        (twist(variance=0.0), 'covariance_not_positive'),
+        (twist(variance=-1.0), 'covariance_not_positive'),
+        (twist(variance=math.nan), 'covariance_not_finite'),
+        (twist(variance=1e300), 'implausible'),
+        (twist(sec=-5), 'bad_stamp'),
+    ],
+)
+def test_bad_speeds_are_refused_by_name(msg, reason):
+    assert convert.speed(msg, 'base_link') == reason
 
 
 @dataclasses.dataclass

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from track_localization.ros.diagnostics import StampGaps, StreamHealth
+from track_localization.ros.diagnostics import Diagnostics, StampGaps, StreamHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -48,6 +48,23 @@ def test_repeated_and_backward_stamps_are_no_gaps():
     assert (
         gaps_of([*np.arange(100) / 100.0, 0.5, 0.5, 0.99, *np.arange(100, 200) / 100.0]).gaps <= 1
     )
+
+
+def test_a_message_that_comes_late_was_not_lost():
+    """50 Hz, three messages half a second late, one lost: one gap for each, one loss."""
+    t = np.arange(500) / 50.0
+    order = sorted(
+        (i for i in range(500) if i != 300), key=lambda i: i + 25.5 * (i in (50, 90, 91))
+    )
+    gaps = gaps_of(t[order])
+    assert gaps.lost == 1
+    assert gaps.gaps == 3  # 90 and 91 are one gap
+
+
+def test_a_recording_started_over_is_followed():
+    """Back by its whole length, then 10 samples lost."""
+    t = np.arange(1000) / 100.0
+    assert gaps_of([*t, *np.delete(t, range(500, 510))]).lost == 10
 
 
 def stream(count, rate_hz=100.0, start=0.0) -> StreamHealth:
@@ -113,3 +130,72 @@ def test_a_reset_core_does_not_give_negative_counts():
     health = stream(10)
     health.report('imu', 1.0, {'backward_time': 5})
     assert health.report('imu', 1.0, {})[1] == 'imu: no messages'
+
+
+def test_late_messages_do_not_change_the_rate():
+    """The last message before the report is half a second late."""
+    health = stream(100, 50.0)
+    health.report('loop', 2.0, {})
+    for i in range(100, 150):
+        health.arrived(i / 50.0)
+    health.arrived(125.5 / 50.0)
+    assert health.report('loop', 1.0, {})[2]['rate_hz'] == pytest.approx(51.0)
+    for i in range(150, 200):
+        health.arrived(i / 50.0)
+    assert health.report('loop', 1.0, {})[2]['rate_hz'] == pytest.approx(50.0)
+
+
+def test_a_stream_of_events_has_no_gaps():
+    health = StreamHealth(expected=False, regular=False)
+    for t in (0.0, 30.0, 31.0, 300.0):
+        health.arrived(t)
+    level, text, figures = health.report('balise', 1.0, {})
+    assert (level, text, figures['gaps'], figures['lost']) == (OK, 'balise: ok', 0, 0)
+
+
+def test_one_event_refused_is_a_warning_and_all_of_them_an_error():
+    health = StreamHealth(expected=False, regular=False)
+    health.refused('wrong_frame')
+    assert health.report('balise', 1.0, {})[0] == ERROR
+    health.arrived(10.0)
+    assert health.report('balise', 1.0, {})[0] == OK
+    health.refused('wrong_frame')
+    assert health.report('balise', 1.0, {})[0] == WARN
+
+
+def test_why_a_stream_is_silent_is_told_until_it_speaks():
+    health = StreamHealth(expected=False)
+    health.why_silent = lambda: 'teller publishes it as text'
+    told = (ERROR, 'balise: teller publishes it as text')
+    assert health.report('balise', 1.0, {})[:2] == told
+    health.arrived(1.0)
+    assert health.report('balise', 1.0, {})[0] == OK
+
+
+def statuses(node, streams, figures) -> dict[str, tuple[bytes, str, dict[str, str]]]:
+    """Return what is published of each part: level, message, figures."""
+    diagnostics = Diagnostics(node, streams, dict, lambda: figures)
+    sent = []
+    diagnostics._publisher.publish = sent.append
+    diagnostics.publish()
+    return {
+        status.name: (status.level, status.message, {v.key: v.value for v in status.values})
+        for status in sent[0].status
+    }
+
+
+def test_figures_of_a_sensor_stand_with_the_sensor(ros):
+    figures = {'n_eff': 7.0, 'nis.loop': 1.1, 'health.loop': 'ok', 'events.loop.jumps': 3}
+    told = statuses(ros.node('core'), {'loop': stream(9), 'radar': stream(9)}, figures)
+    loop, radar, core = told['core: loop'], told['core: radar'], told['core']
+    assert (loop[2]['nis'], loop[2]['health']) == ('1.1', 'ok')
+    assert 'nis' not in radar[2]
+    assert (core[2]['n_eff'], core[2]['events.loop.jumps']) == ('7.0', '3')
+    assert 'nis.loop' not in core[2]
+    assert [part[0] for part in (loop, radar, core)] == [OK, OK, OK]
+
+
+def test_a_sensor_that_the_core_does_not_trust_is_a_warning(ros):
+    told = statuses(ros.node('core'), {'radar': stream(9)}, {'health.radar': 'isolated'})
+    assert told['core: radar'][:2] == (WARN, 'radar: isolated')
+    assert told['core'][:2] == (WARN, 'radar: isolated')

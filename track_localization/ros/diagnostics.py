@@ -134,7 +134,9 @@ class StreamHealth:
             'latency_s': round(self.latency_s, 4),
             'busy_percent': round(100.0 * busy / wall_s, 2),
         }
-        if new and refused >= new:
+        # Of events one in a while may well be refused; all of them may not.
+        hopeless = refused >= new if self.regular else rejected >= self.received
+        if new and hopeless:
             worst = reasons.most_common(1)[0][0]
             remedy = REMEDIES.get(worst, '')
             text = f'{name}: all rejected ({worst}){": " + remedy if remedy else ""}'
