@@ -173,7 +173,7 @@ def _speed_error(
 def _spells(states: States, sensor: str, end_s: float) -> list[tuple[float, float, str]]:
     """Return (begin, end, state) of a sensor's states one after the other."""
     changes = [(time, state) for time, name, state in states if name == sensor]
-    ends = [*(time for time, _ in changes[1:]), end_s]
+    ends = [*(time for time, _ in changes), end_s][1:]
     return [(time, max(end, time), state) for (time, state), end in zip(changes, ends, strict=True)]
 
 

@@ -63,7 +63,11 @@ def test_health_is_as_long_as_the_states_lasted(tmp_path):
         (BEGIN + 20.0, 'loop', 'ok'),
         (BEGIN + 40.0, 'loop', 'isolated'),
     ]
-    heard = {'loop': np.arange(BEGIN, END, 0.02), 'radar': np.arange(BEGIN, END, 0.05)}
+    heard = {
+        'loop': np.arange(BEGIN, END, 0.02),
+        'radar': np.arange(BEGIN, END, 0.05),
+        'balise': np.array([BEGIN + 7.0]),
+    }
     file = plots_line.health(tmp_path / 'a.png', {'robust': states}, heard, (BEGIN, END))
     silent = pixels(file, plots_line.STATE_COLOURS['silent'])
     isolated = pixels(file, plots_line.STATE_COLOURS['isolated'])
