@@ -51,7 +51,12 @@ train is somewhere else than thought."""
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 JUMP_SIGMA_M = 60.0
-DEPARTURE_MPS, DEPARTURE_MPS2 = 0.5, 0.5
+"""Of a jump of the counter; a greater one has its own size for a sigma."""
+DEPARTURE_MPS, DEPARTURE_MPS2, STOPPED_MPS2 = 0.5, 0.5, 0.3
+NEAR_SIGMAS, NEAR_M = 5.0, 1.0
+"""Hypotheses nearer than this to the heaviest are the same place."""
+DOUBT = 0.01
+"""Other places that weigh more open the covariance."""
 RANGE_M, RANGE_MPS = 200.0, 20.0
 """How far readings that mean nothing may be off."""
 
@@ -245,9 +250,8 @@ def hear_loop(
                 parent[m], kind[m], steps[m] = i, SHIFT, j
                 m += 1
         else:
-            weight[m] = (
-                base + math.log(burst + missed + 1e-12) + log_normal(nu, S + JUMP_SIGMA_M**2)
-            )
+            wide = S + max(JUMP_SIGMA_M, abs(nu)) ** 2
+            weight[m] = base + math.log(burst + missed + 1e-12) + log_normal(nu, wide)
             parent[m], kind[m] = i, UNKNOWN
             m += 1
     kept, new_w = choose(weight[:m], most, uniform)
@@ -258,8 +262,10 @@ def hear_loop(
     for i in range(len(kept)):
         what = kind[kept[i]]
         if what == SHIFT or what == UNKNOWN:
-            size = steps[kept[i]] * pitch if what == SHIFT else 0.0
-            variance = 0.0 if what == SHIFT else JUMP_SIGMA_M**2 / SHARE
+            size, variance = steps[kept[i]] * pitch, 0.0
+            if what == UNKNOWN:
+                off = abs(reading - new_x[i, 0, C])
+                size, variance = 0.0, max(JUMP_SIGMA_M, off) ** 2 / SHARE
             for local in range(2):
                 jump(new_x[i, local], new_P[i, local], size, variance)
         nu = reading - new_x[i, 0, C]
@@ -327,6 +333,29 @@ def hear_radar(
         if what != IGNORED:
             correct(new_x[i, 1], new_P[i, 1], PH, S, nu)
     return new_w, new_x, new_P, first, kind[kept[0]]
+
+
+@njit(cache=True)
+def hear_slowness(x: Array, P: Array, least: float) -> None:
+    """
+    Tell the radar's local filters that it reads less than it can, ``least`` [m/s], in place.
+
+    Such a reading is no speed, and the next is no news: it only holds a speed that leaves its
+    bounds. A train that is braked to a stop stays there, and does not go backward.
+    """
+    PH, H = np.empty(SIZE), np.zeros(SIZE)
+    for i in range(len(x)):
+        v = x[i, 1, V]
+        if 0.0 <= v <= least:
+            continue
+        level, sigma = (0.5 * least, 0.5 * least) if v > least else (0.0, 0.1)
+        H[V], H[A] = 1.0, 0.0
+        S = project(P[i, 1], H, PH) + sigma * sigma
+        correct(x[i, 1], P[i, 1], PH, S, level - v)
+        if v < 0.0:
+            H[V], H[A] = 0.0, 1.0
+            S = project(P[i, 1], H, PH) + STOPPED_MPS2**2
+            correct(x[i, 1], P[i, 1], PH, S, -x[i, 1, A])
 
 
 @njit(cache=True)
@@ -438,19 +467,37 @@ def stand_still(x: Array, P: Array, speed_sigma: float, acceleration_sigma: floa
 
 
 @njit(cache=True)
-def moments(log_w: Array, x: Array, P: Array) -> tuple[Array, Array]:
-    """Return mean (3,) and covariance (3, 3) of chainage, speed, acceleration: all hypotheses."""
+def moments(log_w: Array, x: Array, P: Array) -> tuple[Array, Array, float]:
+    """
+    Return the likeliest place's mean (3,) and covariance (3, 3), and the weight of all others.
+
+    Of chainage, speed and acceleration. Hypotheses near the heaviest are one place. A mean over
+    places that exclude each other would be none of them; the covariance is that of all, about the
+    mean, as soon as the others weigh more than ``DOUBT``.
+    """
     n = len(log_w)
-    means, mean, covariance = np.empty((n, 3)), np.zeros(3), np.zeros((3, 3))
     T = np.zeros((3, SIZE))
     T[0, C], T[0, B], T[1, V], T[2, A] = 1.0, -1.0, 1.0, 1.0
+    w, means, inside = np.exp(log_w), np.empty((n, 3)), np.empty((n, 3, 3))
     for i in range(n):
         means[i] = T @ x[i, 0]
-        mean += math.exp(log_w[i]) * means[i]
+        inside[i] = SHARE * (T @ P[i, 0] @ T.T)
+    heaviest = np.argmax(w)
+    reach = NEAR_SIGMAS * math.sqrt(inside[heaviest, 0, 0]) + NEAR_M
+    near = np.abs(means[:, 0] - means[heaviest, 0]) < reach
+    here = w[near].sum()
+    mean = np.zeros(3)
     for i in range(n):
-        inside = SHARE * (T @ P[i, 0] @ T.T)
-        for a in range(3):
-            for b in range(3):
-                apart = (means[i, a] - mean[a]) * (means[i, b] - mean[b])
-                covariance[a, b] += math.exp(log_w[i]) * (inside[a, b] + apart)
-    return mean, covariance
+        if near[i]:
+            mean += w[i] / here * means[i]
+    everything = w.sum()
+    elsewhere = 1.0 - here / everything
+    covariance = np.zeros((3, 3))
+    for i in range(n):
+        if near[i] or elsewhere > DOUBT:
+            share = w[i] / (everything if elsewhere > DOUBT else here)
+            for a in range(3):
+                for b in range(3):
+                    apart = (means[i, a] - mean[a]) * (means[i, b] - mean[b])
+                    covariance[a, b] += share * (inside[i, a, b] + apart)
+    return mean, covariance, elsewhere

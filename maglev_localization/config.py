@@ -43,7 +43,7 @@ class RadarConfig:
 
     scale_sigma: float = setting(0.01, '', 'of its scale, minus 1', 0.0, 0.5)
     scale_walk: float = setting(3e-4, '1/sqrt(s)', 'walk of its scale', 0.0, 0.1)
-    least_mps: float = setting(0.3, 'm/s', 'not used below this speed', 0.0, 10.0)
+    least_mps: float = setting(0.5, 'm/s', 'not used below this speed', 0.0, 10.0)
     outlier_share: float = setting(0.02, '', 'of readings that mean nothing', 0.0, 0.5)
     slip_per_s: float = setting(0.003, '1/s', 'rate at which its scale changes at once', 0.0, 1.0)
     slip_sigma: float = setting(0.03, '', 'size of such a change of scale', 0.0, 0.5)
@@ -54,8 +54,8 @@ class BaliseConfig:
     """Balises and their reader."""
 
     wrong_share: float = setting(0.05, '', 'of passings that tell the id of another', 0.0, 0.9)
-    nothing_share: float = setting(0.002, '', 'of passings of no balise in the table', 1e-9, 0.9)
-    astray_share: float = setting(1e-4, '', 'of passings that find the train astray', 1e-12, 0.5)
+    nothing_share: float = setting(1e-4, '', 'of passings of no balise in the table', 1e-9, 0.9)
+    astray_share: float = setting(1e-3, '', 'of passings that find the train astray', 1e-12, 0.5)
     jitter_s: float = setting(0.002, 's', 'of the time of crossing, 1 sigma', 0.0, 1.0)
 
 

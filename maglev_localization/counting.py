@@ -15,6 +15,11 @@ told so every so often."""
 UNCHANGED_S, SLOW_MPS = 0.2, 1.0
 """A count that does not change is a measurement so often, while the train is slow [s], [m/s]."""
 
+START_MPS, START_MPS2 = 30.0, 1.0
+"""Speed and acceleration of a train at the start of a filter, 1 sigma: it may be under way."""
+
+FROZEN_AFTER = 3
+
 ALIVE_S = 1.0
 """A sensor not heard for so long is silent [s]."""
 
@@ -33,6 +38,7 @@ class Counting(NamedTuple):
         radar_mps: the radar's last speed [m/s].
         radar_s: its stamp.
         still_s: when a filter was last told that the train stands.
+        radar_same: radar readings in a row that repeat the one before.
     """
 
     reading: float
@@ -42,6 +48,12 @@ class Counting(NamedTuple):
     radar_mps: float
     radar_s: float
     still_s: float
+    radar_same: int = 0
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the radar repeats itself to the last digit, as no living one does."""
+        return self.radar_same >= FROZEN_AFTER
 
     @classmethod
     def begin(cls, time_s: float) -> Counting:
@@ -127,4 +139,7 @@ def hear(
 
 def hear_radar(memory: Counting, z: RadarSpeed) -> Counting:
     """Return the memory after a radar reading."""
-    return memory._replace(radar_mps=z.speed, radar_s=z.time_s)
+    same = z.speed == memory.radar_mps and abs(z.speed) > STILL_MPS
+    return memory._replace(
+        radar_mps=z.speed, radar_s=z.time_s, radar_same=memory.radar_same + 1 if same else 0
+    )

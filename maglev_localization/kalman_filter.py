@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from maglev_localization import counting
 from maglev_localization.config import MaglevConfig
-from maglev_localization.counting import Counting
+from maglev_localization.counting import START_MPS, START_MPS2, Counting
 from maglev_localization.estimate import Estimate
 from maglev_localization.line_kernels import (
     SIZE,
@@ -87,7 +87,7 @@ class KalmanFilter:
         x, sigma = np.zeros(SIZE), np.zeros(SIZE)
         x[B] = -chainage
         sigma[C], sigma[B] = 1e-3, math.sqrt(variance)
-        sigma[V], sigma[A] = config.motion.start_speed_sigma_mps, 1.0
+        sigma[V], sigma[A] = START_MPS, START_MPS2
         sigma[S], sigma[K] = config.loop.slope_sigma, config.radar.scale_sigma
         return Belief(x, np.diag(sigma**2), time_s, Counting.begin(time_s), 0, '', math.nan)
 
@@ -139,7 +139,14 @@ class KalmanFilter:
         x, P, time_s = state.x, state.P, state.fused_s
         memory, reason, nis = counting.hear_radar(state.memory, z), '', math.nan
         PH, H = np.empty(SIZE), np.zeros(SIZE)
-        if max(abs(z.speed), abs(float(x[V]))) > self._config.radar.least_mps:
+        least = self._config.radar.least_mps
+        if memory.frozen:
+            reason = 'gate'
+        elif abs(z.speed) < least:
+            if x[V] < 0.0 or x[V] > least:
+                level, sigma = (0.5 * least, 0.5 * least) if x[V] > least else (0.0, 0.1)
+                correct(x, P, P[:, V].copy(), P[V, V] + sigma**2, level - x[V])
+        else:
             H[V], H[K] = 1.0 + x[K], x[V]
             nu = z.speed - (1.0 + x[K]) * x[V]
             spread = project(P, H, PH)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_localization import paper_kernels as kernels
 from maglev_localization.config import MaglevConfig
 from maglev_localization.estimate import Estimate
 from maglev_localization.measurements import (
@@ -26,10 +27,10 @@ from maglev_localization.measurements import (
     Measurement,
     sensor_of,
 )
-from maglev_localization.paper_kernels import predict_global, predict_local
 from maglev_localization.paper_start import Begin, Start
 from track_localization.errors import DataError
 from track_localization.estimation import particles
+from track_localization.estimation.cholesky import lower_root
 from track_localization.estimation.federated import fuse_information
 from track_localization.estimation.gating import Rejections
 from track_localization.track.balise_table import BaliseTable
@@ -44,7 +45,10 @@ START_ACCELERATION_SIGMA = 1.0
 
 LEAST_PARTICLES = 20
 LEAST_EFFECTIVE = 4.0
-"""Effective particles that a covariance of three states takes; fewer explain no measurement."""
+"""Effective particles that a covariance of three states takes; fewer do not tell a posterior."""
+
+GATE = 16.0
+"""Squared innovation against its variance beyond which a measurement is refused then."""
 
 REFUSED_S = 5.0
 """A sensor that nothing explains for so long is believed: the filter has lost it [s]."""
@@ -80,10 +84,10 @@ class PaperFilter:
         self._start = Start(config)
         self._time_s: float | None = None
         self._clouds, self._log_w = np.zeros((2, 3, count)), np.zeros((2, count))
-        self._w = np.zeros((2, count))
+        self._w, self._spare = np.zeros((2, count)), np.zeros((3, count))
         self._means, self._covariances = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self._n_eff = [float(count)] * 2
-        self._fed_back, self._degenerate = True, [False, False]
+        self._fused, self._moved, self._degenerate = False, False, [False, False]
         self._refused_since: list[float | None] = [None, None]
         self._counter_zero, self._counter_unset = 0.0, False
         self.mean, self.covariance = np.zeros(3), np.zeros((3, 3))
@@ -152,7 +156,7 @@ class PaperFilter:
             gain = self.covariance[:, 0] / (self.covariance[0, 0] + variance)
             self.covariance = self.covariance - np.outer(gain, self.covariance[0])
             self.mean = self.mean + gain * (chainage - self.mean[0])
-        self._feed_back()
+        self._fused = self._moved = True
         return self._estimate()
 
     def _try_to_begin(self, begin: Begin | None) -> Estimate | None:
@@ -172,45 +176,74 @@ class PaperFilter:
         self._counter_unset = begin.set_counter
         self._draw()
 
-    def _share(self, local: int) -> float:
-        """Return the share of information beta of a local filter; both sum to one."""
+    def _shares(self) -> Array:
+        """Return the locals' shares of information (2,), which sum to one."""
         slow = self.mean[1] < self._paper.share_speed_mps
         loop = self._paper.share_slow if slow else self._paper.share_fast
-        return loop if local == 0 else 1.0 - loop
+        return np.array([loop, 1.0 - loop])
 
     def _advance(self, time_s: float) -> None:
         """Feed the fusion back, then carry master and locals to ``time_s``; eq. (3)."""
-        if self._time_s is None or time_s <= self._time_s:
+        if self._time_s is None or (time_s <= self._time_s and not self._moved):
             return
-        if not self._fed_back:
-            self._feed_back()
         T = time_s - self._time_s
-        variance = self._paper.process_variance / T
+        variance, shares = self._paper.process_variance / max(T, 1e-9), self._shares()
+        targets, roots = self._feedback(shares)
+        kernels.advance(
+            self._clouds,
+            self._w,
+            self._means,
+            self._covariances,
+            targets,
+            roots,
+            T,
+            np.sqrt(variance / shares),
+            self._rng,
+        )
+        self.mean, self.covariance = kernels.predict(self.mean, self.covariance, T, variance)
+        self._time_s, self._fused, self._moved = time_s, False, False
+
+    def _feedback(self, shares: Array) -> tuple[Array, Array]:
+        """Return where each cloud goes, (2, 3), and what widens or narrows it, (2, 3, 3)."""
+        roots = np.tile(np.eye(3), (2, 1, 1))
+        if not self._fused:
+            return self._means.copy(), roots
         for i in range(2):
-            sigma = float(np.sqrt(variance / self._share(i)))
-            self._means[i], self._covariances[i] = predict_local(
-                self._clouds[i], self._w[i], T, sigma, self._rng
-            )
-        predict_global(self.mean, self.covariance, T, variance)
-        self._time_s = time_s
+            if self._degenerate[i]:
+                self._draw_anew(i)
+        whole = self._paper.feedback == 'mean_covariance'
+        if not kernels.feedback(self._covariances, self.covariance, shares, whole, roots):
+            self._draw()
+            return self._means.copy(), np.tile(np.eye(3), (2, 1, 1))
+        return np.stack([self.mean, self.mean]), roots
 
     def _correct(self, local: int, z: float) -> None:
         """Weigh a local's particles by its measurement, eqs (5) and (7), and fuse both."""
-        variance = self._variance[local]
-        cloud = self._clouds[local]
-        off = cloud[local] - z
-        log_w = particles.reweight(self._log_w[local], (-0.5 / variance) * (off * off))
-        w = np.exp(log_w)
-        n_eff = float(1.0 / np.dot(w, w))
-        self._n_eff[local] = n_eff
-        if n_eff < LEAST_EFFECTIVE:
+        cloud, (log_w, w, _) = self._clouds[local], self._spare
+        mean, P = np.empty(3), np.empty((3, 3))
+        kernels.weigh(cloud[local], self._log_w[local], z, self._variance[local], log_w)
+        np.exp(log_w, out=w)
+        total, squares = kernels.measure(cloud, w, self._means[local], mean, P)
+        n_eff = self._n_eff[local] = total * total / squares if squares > 0.0 else 0.0
+        if n_eff >= LEAST_EFFECTIVE:
+            kernels.settle(log_w, w, total, self._log_w[local], self._w[local])
+            self._means[local], self._covariances[local] = mean, P
+            self._degenerate[local] = n_eff < 0.5 * len(w)
+        elif not self._rescue(local, z):
             self._refuse(local, z)
             return
         self._refused_since[local] = None
-        self._log_w[local], self._w[local] = log_w, w
-        self._means[local], self._covariances[local] = particles.weighted_moments(cloud.T, w)
-        self._degenerate[local] = n_eff < 0.5 * len(w)
         self._fuse()
+
+    def _rescue(self, local: int, z: float) -> bool:
+        """Draw a local's particles where a measurement says that they should be, if it may be."""
+        mean, P = self._means[local], self._covariances[local]
+        nu, S = z - mean[local], P[local, local] + self._variance[local]
+        if nu * nu > GATE * S:
+            return False
+        gain = P[:, local] / S
+        self._draw_local(local, mean + gain * nu, P - np.outer(gain, P[local]))
+        return True
 
     def _refuse(self, local: int, z: float) -> None:
         """Count a measurement that no particle explains; believe it in the end."""
@@ -230,50 +263,34 @@ class PaperFilter:
             self._draw()
             return
         self.mean, self.covariance = mean, P
-        self._fed_back = False
-
-    def _feed_back(self) -> None:
-        """Give every local the master's mean, eq. (8), and its share of the covariance."""
-        for i in range(2):
-            if self._degenerate[i]:
-                self._draw_anew(i)
-            cloud, target = self._clouds[i], self.covariance / self._share(i)
-            if self._paper.feedback == 'mean':
-                cloud += (self.mean - self._means[i])[:, None]
-            elif particles.move(cloud.T, self._means[i], self._covariances[i], self.mean, target):
-                self._covariances[i] = target
-            else:
-                self._draw_local(i)
-            self._means[i] = self.mean
-        self._fed_back = True
+        self._fused = True
 
     def _draw_anew(self, local: int) -> None:
         """Resample a local's particles, unless too few different ones would be left."""
         self._degenerate[local] = False
-        cloud = self._clouds[local][:, self._resample(self._log_w[local], self._rng)]
-        w = np.full(cloud.shape[1], 1.0 / cloud.shape[1])
-        mean, P = particles.weighted_moments(cloud.T, w)
-        if not particles.lower_root(P)[1]:
-            return
-        self._clouds[local], self._w[local], self._log_w[local] = cloud, w, np.log(w)
-        self._means[local], self._covariances[local] = mean, P
+        count = self._clouds.shape[2]
+        w, mean, P = np.full(count, 1.0 / count), np.empty(3), np.empty((3, 3))
+        kernels.pick(self._clouds[local], self._resample(self._w[local], self._rng), self._spare)
+        kernels.measure(self._spare, w, self._means[local], mean, P)
+        if lower_root(P)[1]:
+            self._clouds[local], self._w[local], self._log_w[local] = self._spare, w, np.log(w[0])
+            self._means[local], self._covariances[local] = mean, P
 
     def _draw(self) -> None:
         """Draw both locals around the master's estimate."""
-        for i in range(2):
-            self._draw_local(i)
-        self._fed_back = True
+        for i, beta in enumerate(self._shares()):
+            self._draw_local(i, self.mean, self.covariance / beta)
+        self._fused = self._moved = False
 
-    def _draw_local(self, local: int) -> None:
+    def _draw_local(self, local: int, mean: Array, P: Array) -> None:
+        """Draw a local's particles from a normal distribution."""
         count = self._clouds.shape[2]
-        L, _ = particles.lower_root(self.covariance / self._share(local))
-        self._clouds[local] = self.mean[:, None] + L @ self._rng.standard_normal((3, count))
-        self._w[local] = 1.0 / count
-        self._log_w[local] = -np.log(count)
-        self._n_eff[local] = float(count)
-        self._degenerate[local] = False
-        self._means[local], self._covariances[local] = particles.weighted_moments(
-            self._clouds[local].T, self._w[local]
+        L, _ = lower_root(P)
+        self._clouds[local] = mean[:, None] + L @ self._rng.standard_normal((3, count))
+        self._w[local], self._log_w[local] = 1.0 / count, -np.log(count)
+        self._n_eff[local], self._degenerate[local] = float(count), False
+        kernels.measure(
+            self._clouds[local], self._w[local], mean, self._means[local], self._covariances[local]
         )
 
     def _replace(self, state: int, value: float, variance: float) -> None:

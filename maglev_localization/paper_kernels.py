@@ -1,4 +1,4 @@
-"""Loops over particles of the paper's filter, compiled."""
+"""Loops over particles of the paper's filter, compiled; a cloud is (3, N), all clouds (2, 3, N)."""
 
 from __future__ import annotations
 
@@ -6,45 +6,143 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation.particles import weighted_moments
+from track_localization.estimation.cholesky import lower_inverse, lower_root
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+FREE = {'reassoc', 'contract', 'nsz'}
+"""Sums over particles may be taken in any order, so that they run in parallel lanes."""
 
 
 @numba.njit(cache=True)
-def transition(T: float) -> tuple[Array, Array]:
-    """Return F (3, 3) of constant acceleration and the reach G (3,) of a constant jerk over T."""
+def motion(T: float) -> tuple[Array, Array]:
+    """Return F (3, 3) of constant acceleration and what a unit of jerk over T adds, G (3,)."""
     F = np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
-    G = np.array([T**3 / 6.0, 0.5 * T * T, T])
-    return F, G
+    return F, np.array([T**3 / 6.0, 0.5 * T * T, T])
 
 
 @numba.njit(cache=True)
-def predict_global(mean: Array, P: Array, T: float, variance: float) -> None:
-    """Carry the master's mean (3,) and covariance (3, 3) over T in place; jerk of ``variance``."""
-    F, G = transition(T)
-    mean[:] = F @ mean
-    P[:, :] = F @ P @ F.T + variance * np.outer(G, G)
+def predict(mean: Array, P: Array, T: float, variance: float) -> tuple[Array, Array]:
+    """Return the master's mean (3,) and covariance (3, 3) after T; jerk of ``variance``."""
+    F, G = motion(T)
+    return F @ mean, F @ P @ F.T + variance * np.outer(G, G)
 
 
 @numba.njit(cache=True)
-def predict_local(
-    cloud: Array, w: Array, T: float, sigma: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def advance(
+    clouds: Array,
+    w: Array,
+    means: Array,
+    covariances: Array,
+    targets: Array,
+    roots: Array,
+    T: float,
+    sigmas: Array,
+    rng: np.random.Generator,
+) -> None:
     """
-    Carry particles (3, N) over T in place, each with a jerk of its own of ``sigma`` [m/s^3].
+    Move all clouds in place to what the master gives back, then carry them over T, eq. (3).
 
-    Return their mean (3,) and covariance (3, 3) under the weights (N,).
+    A particle x becomes F (target + root (x - mean)) + G W, its own jerk W with ``sigmas`` (2,) of
+    its cloud. ``targets`` (2, 3), ``roots`` (2, 3, 3). ``means`` and ``covariances`` follow.
     """
-    count = cloud.shape[1]
-    jerk = np.empty(count)
-    for n in range(count):
-        jerk[n] = sigma * rng.standard_normal()
-    half, sixth = 0.5 * T * T, T**3 / 6.0
-    for n in range(count):
-        cloud[0, n] += T * cloud[1, n] + half * cloud[2, n] + sixth * jerk[n]
-    for n in range(count):
-        cloud[1, n] += T * cloud[2, n] + half * jerk[n]
-    for n in range(count):
-        cloud[2, n] += T * jerk[n]
-    return weighted_moments(cloud.T, w)
+    count = clouds.shape[2]
+    F, G = motion(T)
+    jerk = np.zeros(count)
+    for i in range(len(clouds)):
+        if T > 0.0:
+            for n in range(count):
+                jerk[n] = sigmas[i] * rng.standard_normal()
+        after = F @ targets[i]
+        transform(clouds[i], means[i], F @ roots[i], after, G, jerk)
+        measure(clouds[i], w[i], after, means[i], covariances[i])
+
+
+@numba.njit(cache=True, fastmath=FREE)
+def transform(cloud: Array, now: Array, A: Array, after: Array, G: Array, jerk: Array) -> None:
+    """Make every particle ``after + A (x - now) + G W`` in place; jerks W (N,)."""
+    for n in range(cloud.shape[1]):
+        p, v, a = cloud[0, n] - now[0], cloud[1, n] - now[1], cloud[2, n] - now[2]
+        cloud[0, n] = after[0] + A[0, 0] * p + A[0, 1] * v + A[0, 2] * a + G[0] * jerk[n]
+        cloud[1, n] = after[1] + A[1, 0] * p + A[1, 1] * v + A[1, 2] * a + G[1] * jerk[n]
+        cloud[2, n] = after[2] + A[2, 0] * p + A[2, 1] * v + A[2, 2] * a + G[2] * jerk[n]
+
+
+@numba.njit(cache=True, fastmath=FREE)
+def measure(cloud: Array, w: Array, near: Array, mean: Array, P: Array) -> tuple[float, float]:
+    """
+    Put mean (3,) and covariance (3, 3) under weights (N,) of any sum in ``mean`` and ``P``.
+
+    ``near`` (3,) is a point near the mean: one pass costs no digits then. Return the weights' sum
+    and the sum of their squares; all is zero when the weights are.
+    """
+    total = squares = 0.0
+    p = v = a = pp = pv = pa = vv = va = aa = 0.0
+    for n in range(len(w)):
+        x, y, z = cloud[0, n] - near[0], cloud[1, n] - near[1], cloud[2, n] - near[2]
+        wx, wy, wz = w[n] * x, w[n] * y, w[n] * z
+        total += w[n]
+        squares += w[n] * w[n]
+        p += wx
+        v += wy
+        a += wz
+        pp += wx * x
+        pv += wx * y
+        pa += wx * z
+        vv += wy * y
+        va += wy * z
+        aa += wz * z
+    if total <= 0.0:
+        return 0.0, 0.0
+    off = np.array([p, v, a]) / total
+    square = np.array([[pp, pv, pa], [pv, vv, va], [pa, va, aa]]) / total
+    for i in range(3):
+        mean[i] = near[i] + off[i]
+        for j in range(3):
+            P[i, j] = square[i, j] - off[i] * off[j]
+    return total, squares
+
+
+@numba.njit(cache=True, fastmath=FREE)
+def weigh(x: Array, log_w: Array, z: float, variance: float, out: Array) -> None:
+    """Put log weights (N,) plus the log likelihood of ``z`` measuring ``x`` (N,) in ``out``."""
+    scale = -0.5 / variance
+    for n in range(len(x)):
+        out[n] = log_w[n] + scale * (x[n] - z) * (x[n] - z)
+
+
+@numba.njit(cache=True, fastmath=FREE)
+def settle(log_w: Array, w: Array, total: float, log_out: Array, w_out: Array) -> None:
+    """Copy log weights and weights (N,), whose sum is ``total``, normalised."""
+    share, shift = 1.0 / total, np.log(total)
+    for n in range(len(w)):
+        w_out[n] = share * w[n]
+        log_out[n] = log_w[n] - shift
+
+
+@numba.njit(cache=True)
+def pick(cloud: Array, indices: Indices, out: Array) -> None:
+    """Copy the particles drawn to ``out`` (3, N)."""
+    for i in range(len(cloud)):
+        for n in range(len(indices)):
+            out[i, n] = cloud[i, indices[n]]
+
+
+@numba.njit(cache=True)
+def feedback(covariances: Array, P: Array, shares: Array, whole: bool, roots: Array) -> bool:
+    """
+    Put in ``roots`` (2, 3, 3) what turns each cloud's covariance into P / share.
+
+    The identity where only the mean is fed back, not ``whole``. Return whether all could be made.
+    """
+    for i in range(len(shares)):
+        if not whole:
+            roots[i] = np.eye(3)
+            continue
+        L_now, regular_now = lower_root(covariances[i])
+        L, regular = lower_root(P / shares[i])
+        if not (regular and regular_now):
+            return False
+        roots[i] = L @ lower_inverse(L_now)
+    return True

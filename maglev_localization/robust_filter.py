@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from maglev_localization import bank, counting
 from maglev_localization.config import MaglevConfig
-from maglev_localization.counting import Counting
+from maglev_localization.counting import START_MPS, START_MPS2, Counting
 from maglev_localization.estimate import Estimate
 from maglev_localization.line_kernels import SIZE, A, B, C, K, Noise, S, V
 from maglev_localization.measurements import BalisePassing, LoopPosition, Measurement, RadarSpeed
@@ -70,7 +70,7 @@ class RobustFilter:
         x, sigma = np.zeros((1, 2, SIZE)), np.zeros(SIZE)
         x[:, :, B] = -chainage
         sigma[C], sigma[B] = 1e-3, math.sqrt(variance)
-        sigma[V], sigma[A] = config.motion.start_speed_sigma_mps, 1.0
+        sigma[V], sigma[A] = START_MPS, START_MPS2
         sigma[S], sigma[K] = config.loop.slope_sigma, config.radar.scale_sigma
         P = np.tile(np.diag(sigma**2) / bank.SHARE, (1, 2, 1, 1))
         memory = Counting.begin(time_s)
@@ -87,7 +87,7 @@ class RobustFilter:
 
     def estimate(self, state: Bank) -> Estimate:
         """Return the estimate at the stamp of the last fusion."""
-        mean, covariance = bank.moments(state.log_w, state.x, state.P)
+        mean, covariance, _ = bank.moments(state.log_w, state.x, state.P)
         return Estimate(state.fused_s, mean, covariance)
 
     def _loop(self, state: Bank, z: LoopPosition, uniform: float) -> Bank:
@@ -127,7 +127,12 @@ class RobustFilter:
         elapsed = z.time_s - state.fused_s
         bank.predict_local(x, P, 1, elapsed, self._noise)
         says, nis = bank.PLAIN, math.nan
-        if max(abs(z.speed), abs(float(x[0, 1, V]))) > radar.least_mps:
+        memory = counting.hear_radar(state.memory, z)
+        if memory.frozen:
+            says = bank.IGNORED
+        elif abs(z.speed) < radar.least_mps:
+            bank.hear_slowness(x, P, radar.least_mps)
+        else:
             log_w, x, P, nis, says = bank.hear_radar(
                 log_w,
                 x,
@@ -140,7 +145,6 @@ class RobustFilter:
                 self._config.particles,
                 uniform,
             )
-        memory = counting.hear_radar(state.memory, z)
         state = Bank(log_w, x, P, state.loop_s, z.time_s, memory, says, nis)
         return self._federate(state, z.time_s)
 
