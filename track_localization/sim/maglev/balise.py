@@ -56,6 +56,7 @@ def hear_balises(
     failed = (time >= config.dead_from_s) & (time < config.dead_from_s + config.dead_for_s)
     told, wrong = _told(rng, config, table, passed)
     heard = np.flatnonzero(~missed & ~failed)
+    heard = heard[np.argsort(time[heard], kind='stable')]
     info = {
         'passed': len(passed),
         'missed': [table.id[i] for i in passed[missed]],

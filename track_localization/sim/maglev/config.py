@@ -117,7 +117,7 @@ class BaliseErrors:
     wrong_id: float = setting(0.02, '', 'share that tell the id of another', 0.0, 1.0)
     unknown_id: float = setting(0.0, '', 'share that tell an id of no balise', 0.0, 1.0)
     jitter_s: float = setting(0.002, 's', 'of the time of crossing, N(0, this)', 0.0, 1.0)
-    offset_sigma_m: float = setting(0.02, 'm', 'of where the antenna hears it, N(0, this)', 0.0, 10)
+    offset_sigma_m: float = setting(0.02, 'm', 'error of the offset told, N(0, this)', 0.0, 10)
     dead_from_s: float = setting(0.0, 's', 'none is heard so long after the start', 0.0, DAY_S)
     dead_for_s: float = setting(0.0, 's', 'for so long', 0.0, DAY_S)
 
