@@ -111,6 +111,11 @@ def test_unreliable_at_a_crawl():
     np.testing.assert_array_equal(told(np.full(100, 0.51), least_mps=0.5), 0.51)
 
 
+def test_outliers_come_at_a_crawl_too():
+    crawl = told(np.full(20000, 0.1), least_mps=0.5, outliers=0.01)
+    assert np.mean(np.abs(crawl) > 4.0) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / 20000))
+
+
 def test_what_the_sender_claims():
     """Its noise at the speed that it tells, and never nothing."""
     v = np.full(1000, 20.0)
