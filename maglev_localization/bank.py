@@ -50,6 +50,8 @@ an unknown distance; it means nothing; the radar's scale changed; another balise
 train is somewhere else than thought."""
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
+SINGLES = 3
+"""As many crossings may be missed one by one between two readings; more are a burst."""
 JUMP_SIGMA_M = 60.0
 """Of a jump of the counter; a greater one has its own size for a sigma."""
 DEPARTURE_MPS, DEPARTURE_MPS2, STOPPED_MPS2 = 0.5, 0.5, 0.3
@@ -205,10 +207,11 @@ def hear_loop(
     R: float,
     pitch: float,
     missed: float,
+    extra: float,
     burst: float,
     most: int,
     uniform: float,
-) -> tuple[Array, Array, Array, float, int]:
+) -> tuple[Array, Array, Array, float, int, float]:
     """
     Weigh a loop reading (of which ``R`` is the variance) and update the loop's local filters.
 
@@ -217,13 +220,15 @@ def hear_loop(
         reading: what the counter read, set to the middle of what that may mean [m].
         R: its variance [m^2].
         pitch: of the crossings [m]; 0 where jumps are not of whole crossings.
-        missed: probability that one crossing was missed or counted twice.
+        missed: crossings expected to have been missed singly since the last reading.
+        extra: crossings expected to have been counted twice.
         burst: probability of a jump of any other size.
         most: hypotheses to keep.
         uniform: a draw from [0, 1).
 
     Returns:
-        The new bank, the NIS of the likeliest hypothesis, and what it says of the reading.
+        The new bank, the NIS of the likeliest hypothesis, what it says of the reading, and how many
+        crossings the bank thinks were missed singly.
     """
     n = len(log_w)
     each = 6
@@ -234,7 +239,7 @@ def hear_loop(
         nu = reading - x[i, 0, C]
         S = P[i, 0, C, C] + R
         base = log_w[i]
-        weight[m], parent[m], kind[m] = base + log_normal(nu, S), i, PLAIN
+        weight[m], parent[m], kind[m] = base - missed - extra + log_normal(nu, S), i, PLAIN
         m += 1
         weight[m], parent[m], kind[m] = base + math.log(1e-6 / RANGE_M), i, IGNORED
         m += 1
@@ -243,15 +248,15 @@ def hear_loop(
             for j in range(nearest - 1, nearest + 2):
                 if j == 0:
                     continue
-                chance = missed if abs(j) == 1 else burst / 60.0
-                if abs(j) > 60:
-                    chance = burst / 6000.0
+                chance = burst / (60.0 if abs(j) <= 60 else 6000.0)
+                if abs(j) <= SINGLES:
+                    chance += _poisson(-j, missed) if j < 0 else _poisson(j, extra)
                 weight[m] = base + math.log(chance + 1e-12) + log_normal(nu - j * pitch, S)
                 parent[m], kind[m], steps[m] = i, SHIFT, j
                 m += 1
         else:
             wide = S + max(JUMP_SIGMA_M, abs(nu)) ** 2
-            weight[m] = base + math.log(burst + missed + 1e-12) + log_normal(nu, wide)
+            weight[m] = base + math.log(burst + 1e-12) + log_normal(nu, wide)
             parent[m], kind[m] = i, UNKNOWN
             m += 1
     kept, new_w = choose(weight[:m], most, uniform)
@@ -274,8 +279,21 @@ def hear_loop(
             first = nu * nu / S
         if what != IGNORED:
             correct(new_x[i, 0], new_P[i, 0], PH, S, nu)
+    few = 0.0
+    for i in range(len(kept)):
+        if kind[kept[i]] == SHIFT and -SINGLES <= steps[kept[i]] < 0:
+            few -= math.exp(new_w[i]) * steps[kept[i]]
+    says = kind[kept[0]]
     new_w, new_x, new_P = merge(new_w, new_x, new_P, 0.4 * pitch)
-    return new_w, new_x, new_P, first, kind[kept[0]]
+    return new_w, new_x, new_P, first, says, few
+
+
+@njit(cache=True)
+def _poisson(count: int, expected: float) -> float:
+    chance = math.exp(-expected)
+    for i in range(count):
+        chance *= expected / (i + 1)
+    return chance
 
 
 @njit(cache=True)

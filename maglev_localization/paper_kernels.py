@@ -11,22 +11,11 @@ from track_localization.estimation.cholesky import lower_inverse, lower_root
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+NOTHING, MEAN, ALL = 0, 1, 2
+"""What the master gives back."""
+
 FREE = {'reassoc', 'contract', 'nsz'}
 """Sums over particles may be taken in any order, so that they run in parallel lanes."""
-
-
-@numba.njit(cache=True)
-def motion(T: float) -> tuple[Array, Array]:
-    """Return F (3, 3) of constant acceleration and what a unit of jerk over T adds, G (3,)."""
-    F = np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
-    return F, np.array([T**3 / 6.0, 0.5 * T * T, T])
-
-
-@numba.njit(cache=True)
-def predict(mean: Array, P: Array, T: float, variance: float) -> tuple[Array, Array]:
-    """Return the master's mean (3,) and covariance (3, 3) after T; jerk of ``variance``."""
-    F, G = motion(T)
-    return F @ mean, F @ P @ F.T + variance * np.outer(G, G)
 
 
 @numba.njit(cache=True)
@@ -35,28 +24,47 @@ def advance(
     w: Array,
     means: Array,
     covariances: Array,
-    targets: Array,
-    roots: Array,
+    mean: Array,
+    P: Array,
+    shares: Array,
+    given: int,
     T: float,
-    sigmas: Array,
+    variance: float,
     rng: np.random.Generator,
-) -> None:
+) -> bool:
     """
-    Move all clouds in place to what the master gives back, then carry them over T, eq. (3).
+    Give the master's ``mean`` and ``P`` back to all clouds, carry them and it over T; in place.
 
-    A particle x becomes F (target + root (x - mean)) + G W, its own jerk W with ``sigmas`` (2,) of
-    its cloud. ``targets`` (2, 3), ``roots`` (2, 3, 3). ``means`` and ``covariances`` follow.
+    A particle x becomes F (mean + A (x - its cloud's mean)) + G W, eqs (3) and (8), where A turns
+    its cloud's covariance into P / share, and W is a jerk of its own, its variance also divided by
+    the share. ``given`` is what the master gives: NOTHING, MEAN (A is the identity) or ALL.
+    ``means`` (2, 3) and ``covariances`` (2, 3, 3) follow. Return False, nothing done, where a
+    covariance is singular.
     """
     count = clouds.shape[2]
-    F, G = motion(T)
+    A = np.zeros_like(covariances)
+    for i in range(len(clouds)):
+        A[i] = np.eye(3)
+        if given == ALL:
+            L_now, regular_now = lower_root(covariances[i])
+            L, regular = lower_root(P / shares[i])
+            if not (regular and regular_now):
+                return False
+            A[i] = L @ lower_inverse(L_now)
+    F = np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
+    G = np.array([T**3 / 6.0, 0.5 * T * T, T])
     jerk = np.zeros(count)
     for i in range(len(clouds)):
         if T > 0.0:
+            sigma = np.sqrt(variance / shares[i])
             for n in range(count):
-                jerk[n] = sigmas[i] * rng.standard_normal()
-        after = F @ targets[i]
-        transform(clouds[i], means[i], F @ roots[i], after, G, jerk)
+                jerk[n] = sigma * rng.standard_normal()
+        after = F @ (means[i] if given == NOTHING else mean)
+        transform(clouds[i], means[i], F @ A[i], after, G, jerk)
         measure(clouds[i], w[i], after, means[i], covariances[i])
+    mean[:] = F @ mean
+    P[:, :] = F @ P @ F.T + variance * np.outer(G, G)
+    return True
 
 
 @numba.njit(cache=True, fastmath=FREE)
@@ -122,27 +130,17 @@ def settle(log_w: Array, w: Array, total: float, log_out: Array, w_out: Array) -
 
 
 @numba.njit(cache=True)
-def pick(cloud: Array, indices: Indices, out: Array) -> None:
-    """Copy the particles drawn to ``out`` (3, N)."""
+def pick(cloud: Array, indices: Indices, near: Array, out: Array) -> tuple[Array, Array, bool]:
+    """
+    Copy the particles drawn to ``out`` (3, N).
+
+    Return their mean (3,) and covariance (3, 3), and whether that is positive definite. ``near``
+    (3,) is a point near the mean.
+    """
+    count = len(indices)
     for i in range(len(cloud)):
-        for n in range(len(indices)):
+        for n in range(count):
             out[i, n] = cloud[i, indices[n]]
-
-
-@numba.njit(cache=True)
-def feedback(covariances: Array, P: Array, shares: Array, whole: bool, roots: Array) -> bool:
-    """
-    Put in ``roots`` (2, 3, 3) what turns each cloud's covariance into P / share.
-
-    The identity where only the mean is fed back, not ``whole``. Return whether all could be made.
-    """
-    for i in range(len(shares)):
-        if not whole:
-            roots[i] = np.eye(3)
-            continue
-        L_now, regular_now = lower_root(covariances[i])
-        L, regular = lower_root(P / shares[i])
-        if not (regular and regular_now):
-            return False
-        roots[i] = L @ lower_inverse(L_now)
-    return True
+    mean, P = np.empty(3), np.empty((3, 3))
+    measure(out, np.full(count, 1.0 / count), near, mean, P)
+    return mean, P, lower_root(P)[1]

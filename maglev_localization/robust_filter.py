@@ -24,6 +24,12 @@ STILL_SIGMA_MPS2 = 0.2
 """Acceleration of a train that stands [m/s^2]: it may be about to leave."""
 
 
+EXTRA_SHARE = 0.25
+"""Crossings counted twice, for each that is missed."""
+SHARE_CROSSINGS = 10000.0
+"""Over so many crossings the share of those missed is learnt: 2 km of them."""
+
+
 class Bank(NamedTuple):
     """
     What the filter knows; never changed in place, so that a history can go back to it.
@@ -37,6 +43,7 @@ class Bank(NamedTuple):
         memory: of readings.
         says: what the likeliest hypothesis says of the newest measurement (``bank.PLAIN``, ...).
         nis: normalised innovation squared of that measurement; NaN when it was not used.
+        missed_share: of crossings that are missed singly, of late.
     """
 
     log_w: Array
@@ -47,6 +54,7 @@ class Bank(NamedTuple):
     memory: Counting
     says: int
     nis: float
+    missed_share: float
 
 
 class RobustFilter:
@@ -74,7 +82,7 @@ class RobustFilter:
         sigma[S], sigma[K] = config.loop.slope_sigma, config.radar.scale_sigma
         P = np.tile(np.diag(sigma**2) / bank.SHARE, (1, 2, 1, 1))
         memory = Counting.begin(time_s)
-        return Bank(np.zeros(1), x, P, time_s, time_s, memory, bank.PLAIN, math.nan)
+        return Bank(np.zeros(1), x, P, time_s, time_s, memory, bank.PLAIN, math.nan, config.loop.missed_share)
 
     def apply(self, state: Bank, heard: tuple[Measurement, float]) -> Bank:
         """Return the bank after a measurement, heard with a draw from [0, 1) for resampling."""
@@ -96,7 +104,7 @@ class RobustFilter:
         bank.predict_local(x, P, 0, z.time_s - state.loop_s, self._noise)
         first = math.isnan(state.memory.reading)
         memory, crossing = counting.hear(state.memory, z, float(x[0, 0, V]), loop)
-        log_w, says, nis = state.log_w, bank.PLAIN, math.nan
+        log_w, says, nis, share = state.log_w, bank.PLAIN, math.nan, state.missed_share
         if crossing is not None and first:
             bank.shift(x, P, crossing.position - x[0, 0, C], crossing.variance)
         elif crossing is not None and (
@@ -104,19 +112,22 @@ class RobustFilter:
         ):
             if crossing.departed:
                 bank.depart(x, P, loop.pitch_m)
-            log_w, x, P, nis, says = bank.hear_loop(
+            log_w, x, P, nis, says, few = bank.hear_loop(
                 log_w,
                 x,
                 P,
                 crossing.position,
                 crossing.variance,
                 loop.pitch_m,
-                min(loop.missed_share * crossing.crossings, 0.3),
+                share * crossing.crossings,
+                EXTRA_SHARE * share * crossing.crossings,
                 min(loop.burst_per_m * crossing.travel, 0.3),
                 self._config.particles,
                 uniform,
             )
-        state = Bank(log_w, x, P, z.time_s, state.fused_s, memory, says, nis)
+            weight = crossing.crossings / (SHARE_CROSSINGS + crossing.crossings)
+            share += weight * (few / crossing.crossings - share)
+        state = Bank(log_w, x, P, z.time_s, state.fused_s, memory, says, nis, share)
         if z.time_s - state.fused_s > 2.0 * CYCLE_S:
             state = self._federate(state, z.time_s)
         return state
@@ -145,7 +156,9 @@ class RobustFilter:
                 self._config.particles,
                 uniform,
             )
-        state = Bank(log_w, x, P, state.loop_s, z.time_s, memory, says, nis)
+        state = state._replace(
+            log_w=log_w, x=x, P=P, fused_s=z.time_s, memory=memory, says=says, nis=nis
+        )
         return self._federate(state, z.time_s)
 
     def _balise(self, state: Bank, z: BalisePassing, uniform: float) -> Bank:

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from track_localization.ros import convert, tf
 from track_localization.ros.diagnostics import Diagnostics, StreamHealth
-from track_localization.ros.fast import advertise, subscribe
+from track_localization.ros.fast import InOrder, advertise, subscribe
 from track_localization.ros.params import declare_config, warn_unknown
 from track_localization.ros.qos import MEASUREMENT_QOS, OUTPUT_QOS
 from track_localization.ros.topics import wrong_publishers
@@ -69,10 +69,20 @@ class EstimatorNode(Node):
         subscribe(self, pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
 
     def _listen(
-        self, stream: StreamHealth, kind: Any, topic: str, callback: Callable[[Any], None]
+        self,
+        stream: StreamHealth,
+        kind: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        together: InOrder | None = None,
     ) -> None:
-        """Subscribe to a sensor; publishers of another type are told while it is silent."""
-        subscription = subscribe(self, kind, topic, callback, MEASUREMENT_QOS)
+        """
+        Subscribe to a sensor; publishers of another type are told while it is silent.
+
+        ``together``: with those of this group its messages are handled in the order of arrival.
+        """
+        join = subscribe if together is None else together.subscribe
+        subscription = join(self, kind, topic, callback, MEASUREMENT_QOS)
         stream.why_silent = lambda: wrong_publishers(self, subscription)
 
     def _advertise(self) -> None:
