@@ -149,7 +149,8 @@ def to_measurements(readings: Readings) -> tuple[list[Measurement], dict[str, di
     Return readings as the core takes them, and counts of those that it cannot take.
 
     The loop tells of ``track`` and a balise of its own frame: another frame is another quantity
-    (``wrong_frame``, ``empty_frame``), as the node has it too.
+    (``wrong_frame``, ``empty_frame``), as the node has it too; a stamp before 1970 is none
+    (``bad_stamp``).
     """
     measurements: list[Measurement] = []
     rejected: dict[str, Counter[str]] = {}
@@ -163,7 +164,9 @@ def to_measurements(readings: Readings) -> tuple[list[Measurement], dict[str, di
     )
     for sensor, time, value, variance, frame in rows:
         last = frame.rsplit('/', 1)[-1]
-        if sensor == RADAR:
+        if time < 0.0:
+            rejected.setdefault(sensor, Counter())['bad_stamp'] += 1
+        elif sensor == RADAR:
             measurements.append(RadarSpeed(time, value, variance))
         elif sensor == LOOP and last == LOOP_FRAME:
             measurements.append(LoopPosition(time, value, variance))
@@ -213,7 +216,7 @@ def _lacking(
             said.append(f'{sensor.topic} is empty: run without the {sensor.sensor}.')
         elif sum(refused.values()) == count:
             said.append(
-                f'Every message on {sensor.topic} is in a frame of another kind: run without the '
+                f'Every message on {sensor.topic} is refused ({", ".join(refused)}): run without the '
                 f'{sensor.sensor}; {_frame_wanted(sensor.sensor)}.'
             )
     said += [
@@ -244,8 +247,5 @@ def _unknown(readings: Readings, balises: BaliseTable) -> list[str]:
 
 
 def _frame_wanted(sensor: str) -> str:
-    return (
-        f"it needs frame_id '{LOOP_FRAME}'"
-        if sensor == LOOP
-        else (f"it needs frame_id '{BALISE_FRAME}<id>'")
-    )
+    frames = {LOOP: LOOP_FRAME, BALISE: f'{BALISE_FRAME}<id>'}
+    return f"it needs frame_id '{frames[sensor]}'" if sensor in frames else 'see its stamps'

@@ -197,6 +197,15 @@ def test_frames_of_another_kind_are_counted_and_told(run):
     assert all(word in finding for word in ('loop/pose', "frame_id 'track'"))
 
 
+def test_stamps_before_1970_are_counted(run):
+    for _, message in run.topics['/radar/twist'][1][:3]:
+        message.header.stamp.sec = -5
+    run.write()
+    inputs = read(run)
+    assert inputs.rejected == {'radar': {'bad_stamp': 3}}
+    assert len(at(inputs.measurements, RadarSpeed)) == 217
+
+
 def test_frames_may_stand_in_a_namespace(run):
     for topic in ('/loop/pose', '/balise/pose'):
         for _, message in run.topics[topic][1]:
