@@ -80,29 +80,36 @@ def read_balises(path: str | Path) -> BaliseTable:
         raise DataError(f'{path}: only a header, no balises; give each a row {",".join(COLUMNS)}')
     columns = [header.index(name) for name in COLUMNS]
     seen: dict[str, int] = {}
-    chainage, sigma = [], []
-    for number, cells in lines[1:]:
+    numbers = []
+    for line, cells in lines[1:]:
         if len(cells) != len(header):
-            raise DataError(
-                f'{path}: line {number} has {len(cells)} cells, the header {len(header)}'
-            )
-        name, *numbers = (cells[c].strip() for c in columns)
-        if not name:
-            raise DataError(f'{path}: line {number}: id is empty; every balise needs one')
-        if name in seen:
-            raise DataError(
-                f'{path}: line {number}: id {name} stands in line {seen[name]} already; '
-                'remove one of them or mend the id'
-            )
-        seen[name] = number
-        chainage.append(_number(path, number, 'chainage_m', numbers[0]))
-        sigma.append(_number(path, number, 'sigma_m', numbers[1]))
-        if sigma[-1] <= 0.0:
-            raise DataError(
-                f'{path}: line {number}: sigma_m {numbers[1]} is not positive; give the standard '
-                "deviation of the balise's survey"
-            )
-    return BaliseTable(tuple(seen), np.array(chainage), np.array(sigma))
+            raise DataError(f'{path}: line {line} has {len(cells)} cells, the header {len(header)}')
+        name, chainage, sigma = (cells[c].strip() for c in columns)
+        _check_id(path, line, name, seen)
+        seen[name] = line
+        numbers.append((_number(path, line, 'chainage_m', chainage), _sigma(path, line, sigma)))
+    table = np.array(numbers)
+    return BaliseTable(tuple(seen), table[:, 0], table[:, 1])
+
+
+def _check_id(path: Path, line: int, name: str, seen: dict[str, int]) -> None:
+    if not name:
+        raise DataError(f'{path}: line {line}: id is empty; every balise needs one')
+    if name in seen:
+        raise DataError(
+            f'{path}: line {line}: id {name} stands in line {seen[name]} already; '
+            'remove one of them or mend the id'
+        )
+
+
+def _sigma(path: Path, line: int, cell: str) -> float:
+    sigma = _number(path, line, 'sigma_m', cell)
+    if sigma <= 0.0:
+        raise DataError(
+            f'{path}: line {line}: sigma_m {cell} is not positive; give the standard deviation '
+            "of the balise's survey"
+        )
+    return sigma
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
