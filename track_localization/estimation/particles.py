@@ -51,13 +51,13 @@ def effective_sample_size(log_w: Array) -> float:
 def systematic(w: Array, rng: np.random.Generator, count: int | None = None) -> Indices:
     """Return drawn indices (count,), ascending: one uniform number, evenly spaced from there."""
     count = len(w) if count is None else count
-    return _one_each(rng.random(1), w, count)
+    return _one_each(rng.random(1), _checked(w), count)
 
 
 def stratified(w: Array, rng: np.random.Generator, count: int | None = None) -> Indices:
     """Return drawn indices (count,), ascending: a uniform number in each of ``count`` strata."""
     count = len(w) if count is None else count
-    return _one_each(rng.random(count), w, count)
+    return _one_each(rng.random(count), _checked(w), count)
 
 
 def multinomial(w: Array, rng: np.random.Generator, count: int | None = None) -> Indices:
@@ -175,8 +175,6 @@ def _one_each(jitter: Array, w: Array, count: int) -> Indices:
         begin = max(begin, end)
     # Rounding may leave the last strata out.
     out[begin:count] = _last(w)
-    if not abs(reached - count) < 1e-6 * count:
-        raise ValueError('weights do not sum to one; normalise them first')
     return out[:count]
 
 
@@ -203,11 +201,15 @@ def _inverse_cdf(u: Array, w: Array) -> Indices:
     return out
 
 
+@numba.njit(cache=True)
 def _checked(w: Array) -> Array:
     """Return weights that sum to one to rounding; raise ValueError where they do not at all."""
-    total = float(w.sum())
-    if not abs(total - 1.0) < 1e-6:
-        raise ValueError(f'weights sum to {total}, not to one; normalise them first')
+    total, least = 0.0, 0.0
+    for n in range(len(w)):
+        total += w[n]
+        least = min(least, w[n])
+    if not (abs(total - 1.0) < 1e-6 and least == 0.0):
+        raise ValueError('weights must not be negative and sum to one; normalise them first')
     return w
 
 
