@@ -28,11 +28,11 @@ class SensorHealth:
     """
 
     def __init__(self) -> None:
-        self.states = {sensor: WAITING for sensor in (LOOP, RADAR, BALISE)}
+        self.states = dict.fromkeys((LOOP, RADAR, BALISE), WAITING)
         self.changes: list[tuple[float, str, str]] = []
-        self.nis = {sensor: math.nan for sensor in self.states}
-        self._heard = {sensor: -math.inf for sensor in self.states}
-        self._refused = {sensor: 0.0 for sensor in self.states}
+        self.nis = dict.fromkeys(self.states, math.nan)
+        self._heard = dict.fromkeys(self.states, -math.inf)
+        self._refused = dict.fromkeys(self.states, 0.0)
 
     def heard(self, sensor: str, time_s: float, refused: bool, nis: float) -> None:
         """Note a reading, whether it was refused, and its NIS (NaN when it has none)."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_localization import bank, counting
+from maglev_localization import bank, counting, hearing
 from maglev_localization.config import MaglevConfig
 from maglev_localization.counting import START_MPS, START_MPS2, Counting
 from maglev_localization.estimate import Estimate
@@ -26,8 +26,8 @@ STILL_SIGMA_MPS2 = 0.2
 
 EXTRA_SHARE = 0.25
 """Crossings counted twice, for each that is missed."""
-SHARE_CROSSINGS = 10000.0
-"""Over so many crossings the share of those missed is learnt: 2 km of them."""
+SHARE_CROSSINGS = 30000.0
+"""Over so many crossings the share of those missed is learnt."""
 
 
 class Bank(NamedTuple):
@@ -41,7 +41,7 @@ class Bank(NamedTuple):
         loop_s: stamp of the loop's local filters [s].
         fused_s: stamp of the radar's, and of the last fusion [s].
         memory: of readings.
-        says: what the likeliest hypothesis says of the newest measurement (``bank.PLAIN``, ...).
+        says: what the likeliest hypothesis says of the newest measurement (``hearing.PLAIN``, ...).
         nis: normalised innovation squared of that measurement; NaN when it was not used.
         missed_share: of crossings that are missed singly, of late.
     """
@@ -82,7 +82,17 @@ class RobustFilter:
         sigma[S], sigma[K] = config.loop.slope_sigma, config.radar.scale_sigma
         P = np.tile(np.diag(sigma**2) / bank.SHARE, (1, 2, 1, 1))
         memory = Counting.begin(time_s)
-        return Bank(np.zeros(1), x, P, time_s, time_s, memory, bank.PLAIN, math.nan, config.loop.missed_share)
+        return Bank(
+            np.zeros(1),
+            x,
+            P,
+            time_s,
+            time_s,
+            memory,
+            hearing.PLAIN,
+            math.nan,
+            config.loop.missed_share,
+        )
 
     def apply(self, state: Bank, heard: tuple[Measurement, float]) -> Bank:
         """Return the bank after a measurement, heard with a draw from [0, 1) for resampling."""
@@ -104,15 +114,15 @@ class RobustFilter:
         bank.predict_local(x, P, 0, z.time_s - state.loop_s, self._noise)
         first = math.isnan(state.memory.reading)
         memory, crossing = counting.hear(state.memory, z, float(x[0, 0, V]), loop)
-        log_w, says, nis, share = state.log_w, bank.PLAIN, math.nan, state.missed_share
+        log_w, says, nis, share = state.log_w, hearing.PLAIN, math.nan, state.missed_share
         if crossing is not None and first:
             bank.shift(x, P, crossing.position - x[0, 0, C], crossing.variance)
         elif crossing is not None and (
-            crossing.moved or not bank.bounded(x, P, crossing.position, crossing.variance)
+            crossing.moved or not hearing.bounded(x, P, crossing.position, crossing.variance)
         ):
             if crossing.departed:
-                bank.depart(x, P, loop.pitch_m)
-            log_w, x, P, nis, says, few = bank.hear_loop(
+                hearing.depart(x, P, loop.pitch_m)
+            log_w, x, P, nis, says, few = hearing.hear_loop(
                 log_w,
                 x,
                 P,
@@ -137,14 +147,14 @@ class RobustFilter:
         log_w, x, P = state.log_w, state.x.copy(), state.P.copy()
         elapsed = z.time_s - state.fused_s
         bank.predict_local(x, P, 1, elapsed, self._noise)
-        says, nis = bank.PLAIN, math.nan
+        says, nis = hearing.PLAIN, math.nan
         memory = counting.hear_radar(state.memory, z)
         if memory.frozen:
-            says = bank.IGNORED
+            says = hearing.IGNORED
         elif abs(z.speed) < radar.least_mps:
-            bank.hear_slowness(x, P, radar.least_mps)
+            hearing.hear_slowness(x, P, radar.least_mps)
         else:
-            log_w, x, P, nis, says = bank.hear_radar(
+            log_w, x, P, nis, says = hearing.hear_radar(
                 log_w,
                 x,
                 P,
@@ -166,7 +176,7 @@ class RobustFilter:
         settings, table = self._config.balise, self._table
         told = table.index(z.balise)
         jitter = float(state.x[0, 0, V]) * settings.jitter_s
-        log_w, x, P, nis, says = bank.hear_balise(
+        log_w, x, P, nis, says = hearing.hear_balise(
             state.log_w,
             state.x,
             state.P,
@@ -191,7 +201,7 @@ class RobustFilter:
         bank.federate(x, P)
         sigma = memory.still_sigma(time_s)
         if sigma > 0.0:
-            bank.stand_still(x, P, sigma, STILL_SIGMA_MPS2)
+            hearing.stand_still(x, P, sigma, STILL_SIGMA_MPS2)
             memory = memory._replace(still_s=time_s)
         log_w, x, P = bank.merge(state.log_w, x, P, self._same_m)
         return state._replace(log_w=log_w, x=x, P=P, loop_s=time_s, fused_s=time_s, memory=memory)

@@ -31,8 +31,11 @@ from track_localization.ros.fast import InOrder, advertise
 from track_localization.ros.qos import OUTPUT_QOS
 from track_localization.ros.spin import run_node
 
-CLOCK_SLACK_S = 0.1
-"""So far the node's clock may be behind the data: /clock comes in steps, clocks differ."""
+CLOCK_SLACK_S = 1.0
+"""
+So far the node's clock may be behind the data: clocks differ, and /clock waits its turn when many
+messages have come. Nothing is carried backward.
+"""
 
 
 class MaglevFederatedPfNode(EstimatorNode):
@@ -52,14 +55,14 @@ class MaglevFederatedPfNode(EstimatorNode):
         ``warm_up`` has everything compiled before the first message can come.
         """
         super().__init__('maglev_federated_pf', inputs.NodeConfig(), inputs.PARAMETERS, **options)
-        balises, line = inputs.read_files(self.config)
+        self.balises, line = inputs.read_files(self.config)
         self._placing = Placing(line, self.config.placing)
         length = 0.0 if line is None else line.length
-        self.filter = make_filter(self.config, balises, length)
+        self.filter = make_filter(self.config, self.balises, length)
         self._prediction = 'nothing yet'
         if warm_up:
             for config in inputs.practised(self.config):
-                self._warm_up(make_filter(config, balises, length), balises)
+                self._warm_up(make_filter(config, self.balises, length))
         self.loop, self.radar = StreamHealth(self._now_s), StreamHealth(self._now_s)
         self.balise = StreamHealth(self._now_s, expected=False, regular=False)
         self._connect({'loop': self.loop, 'radar': self.radar, 'balise': self.balise})
@@ -69,9 +72,9 @@ class MaglevFederatedPfNode(EstimatorNode):
         self._listen(self.radar, twist, 'radar/twist', self.on_radar, self._in_order)
         self._listen(self.balise, pose, 'balise/pose', self.on_balise, self._in_order)
 
-    def _warm_up(self, trial: Any, balises: Any) -> None:
+    def _warm_up(self, trial: Any) -> None:
         """Take a filter of no further use through a short run."""
-        for measurement in inputs.warm_up_measurements(balises):
+        for measurement in inputs.warm_up_measurements(self.balises):
             for estimate in trial.push(measurement):
                 ahead = predicted(estimate, estimate.time_s, self.config.motion.jerk_density)
                 placed = self._placing.place(ahead)
