@@ -216,8 +216,8 @@ def _lacking(
             said.append(f'{sensor.topic} is empty: run without the {sensor.sensor}.')
         elif sum(refused.values()) == count:
             said.append(
-                f'Every message on {sensor.topic} is refused ({", ".join(refused)}): run without the '
-                f'{sensor.sensor}; {_frame_wanted(sensor.sensor)}.'
+                f'Every message on {sensor.topic} is refused ({", ".join(refused)}): run without '
+                f'the {sensor.sensor}; {_frame_wanted(sensor.sensor)}.'
             )
     said += [
         f'{name}: {count} messages: {reason}'
