@@ -117,7 +117,8 @@ def hear(
     change = z.reading - memory.reading
     moved = pitch == 0.0 or abs(change) > SAME_M
     elapsed = z.time_s - memory.sampled_s
-    departed = moved and z.time_s - memory.changed_s > STILL_AFTER_S and speed < SLOW_MPS
+    stood = z.time_s - memory.changed_s > STILL_AFTER_S and speed < SLOW_MPS
+    departed = stood and moved and abs(change) < 1.5 * pitch
     spread = min(pitch, speed * elapsed) if moved else pitch
     memory = memory._replace(
         reading=z.reading, sampled_s=z.time_s, changed_s=z.time_s if moved else memory.changed_s

@@ -43,9 +43,6 @@ START_ACCELERATION_SIGMA = 1.0
 
 LEAST_PARTICLES = 20
 
-REFUSED_S = 5.0
-"""A sensor that nothing explains for so long is believed: the filter has lost it [s]."""
-
 
 class PaperFilter:
     """
@@ -54,8 +51,8 @@ class PaperFilter:
     ``step`` gives an estimate at every radar measurement and every balise. At one stamp balises go
     first, then the loop, then the radar: both locals are corrected before anything is fed back.
 
-    A measurement that its local filter cannot explain, be it by fresh particles, is refused and
-    counted (gate); after five seconds of it the sensor is believed, the particles drawn around it.
+    Nothing is gated, as in the paper. Where a measurement leaves too few effective particles, its
+    local filter goes on from the normal distribution that the Kalman filter would have.
 
     Attributes:
         rejections: refused measurements by sensor and reason.
@@ -76,7 +73,6 @@ class PaperFilter:
         self._time_s: float | None = None
         self._mean, self._covariance = np.zeros(3), np.zeros((3, 3))
         self._to_fuse = self._to_give = self._moved = False
-        self._refused_since: list[float | None] = [None, None]
         self._counter_zero, self._counter_unset = 0.0, False
         self.rejections = Rejections()
 
@@ -150,7 +146,9 @@ class PaperFilter:
         self._advance(measurement.time_s)
         self._fuse()
         if self._paper.balise == 'rezero':
-            self._replace(0, chainage, variance)
+            self._mean[0] = chainage
+            self._covariance[0] = self._covariance[:, 0] = 0.0
+            self._covariance[0, 0] = variance
             self._counter_unset = True
         else:
             gain = self._covariance[:, 0] / (self._covariance[0, 0] + variance)
@@ -172,7 +170,6 @@ class PaperFilter:
         spread = (max(begin.variance, 1e-6), max(speed_variance, 1e-6), START_ACCELERATION_SIGMA**2)
         self._time_s = begin.time_s
         self._mean, self._covariance = np.array([begin.chainage, begin.speed, 0.0]), np.diag(spread)
-        self._refused_since = [None, None]
         self._counter_unset = begin.set_counter
         self._draw()
 
@@ -195,20 +192,9 @@ class PaperFilter:
         self._time_s, self._to_give, self._moved = time_s, False, False
 
     def _correct(self, local: int, z: float) -> None:
-        """Let a local filter take its measurement; refuse what it cannot explain."""
-        if self._locals.correct(local, z, self._variance[local]):
-            self._refused_since[local] = None
-            self._to_fuse = True
-            return
-        self.rejections.add(LOCALS[local], 'gate')
-        now, since = self._time_s, self._refused_since[local]
-        if now is None or since is None:
-            self._refused_since[local] = now
-        elif now - since >= REFUSED_S:
-            self._refused_since[local] = None
-            self._fuse()
-            self._replace(local, z, self._variance[local])
-            self._draw()
+        """Let a local filter take its measurement."""
+        self._locals.correct(local, z, self._variance[local])
+        self._to_fuse = True
 
     def _fuse(self) -> None:
         """Add the information of both locals, eq. (8), if that is due."""
@@ -225,12 +211,6 @@ class PaperFilter:
         """Draw both locals around the master's estimate."""
         self._locals.draw(self._mean, self._covariance, self._shares())
         self._to_fuse = self._to_give = self._moved = False
-
-    def _replace(self, state: int, value: float, variance: float) -> None:
-        """Let the master know one state anew, whatever it held before."""
-        self._mean[state] = value
-        self._covariance[state] = self._covariance[:, state] = 0.0
-        self._covariance[state, state] = variance
 
     def _estimate(self) -> Estimate:
         assert self._time_s is not None

@@ -12,11 +12,16 @@ from track_localization.estimation.particles import RESAMPLING
 
 Array = NDArray[np.float64]
 
-LEAST_EFFECTIVE = 4.0
-"""Effective particles that a covariance of three states takes; fewer do not tell a posterior."""
+LEAST_EFFECTIVE = 10.0
+"""Fewer effective particles do not tell a mean and covariance of three states."""
 
-GATE = 16.0
-"""Squared innovation against its variance beyond which a measurement is refused then."""
+RENEWED = 0.25
+"""
+Part of the acceleration's variance that jerks must have made since a cloud was last drawn.
+
+With less, particles resampled once more would be the same few: at 50 Hz a manoeuvre beyond the
+model then narrows the cloud until nothing moves it (a third of sigma, errors of 7 m).
+"""
 
 
 class LocalFilters:
@@ -35,7 +40,7 @@ class LocalFilters:
         self._clouds = np.zeros((2, 3, count))
         self._log_w, self._w = np.zeros((2, count)), np.zeros((2, count))
         self._spare = np.zeros((3, count))
-        self._degenerate = [False, False]
+        self._degenerate, self._jerked = [False, False], [0.0, 0.0]
         self.means, self.covariances = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self.n_eff = [float(count)] * 2
 
@@ -55,6 +60,7 @@ class LocalFilters:
         for local in range(2):
             if self._degenerate[local] and given != kernels.NOTHING:
                 self._draw_anew(local)
+            self._jerked[local] += variance * T * T / float(shares[local])
         clouds, w, means, covariances = self._clouds, self._w, self.means, self.covariances
         rest = (T, variance, self._rng)
         if not kernels.advance(clouds, w, means, covariances, mean, P, shares, given, *rest):
@@ -62,12 +68,12 @@ class LocalFilters:
             nothing = kernels.NOTHING
             kernels.advance(clouds, w, means, covariances, mean, P, shares, nothing, *rest)
 
-    def correct(self, local: int, z: float, variance: float) -> bool:
+    def correct(self, local: int, z: float, variance: float) -> None:
         """
         Weigh a cloud's particles by its measurement, eqs (5) and (7).
 
-        Where too few particles are left to tell the posterior, they are drawn anew from that of a
-        normal distribution. Return False, nothing done, where that does not explain ``z`` either.
+        Where too few are left to tell the posterior, they are drawn anew from that of the normal
+        distribution with the cloud's mean and covariance.
         """
         cloud, (log_w, w, _) = self._clouds[local], self._spare
         mean, P = np.empty(3), np.empty((3, 3))
@@ -76,33 +82,32 @@ class LocalFilters:
         total, squares = kernels.measure(cloud, w, self.means[local], mean, P)
         n_eff = self.n_eff[local] = total * total / squares if squares > 0.0 else 0.0
         if n_eff < LEAST_EFFECTIVE:
-            return self._rescue(local, z, variance)
+            self._draw_posterior(local, z, variance)
+            return
         kernels.settle(log_w, w, total, self._log_w[local], self._w[local])
         self.means[local], self.covariances[local] = mean, P
         self._degenerate[local] = n_eff < 0.5 * self._count
-        return True
 
     def fused(self) -> tuple[Array, Array, bool]:
         """Return mean and covariance of both clouds' information, eq. (8), and whether it is."""
         mean, P, regular = fuse_information(self.means, self.covariances)
         return mean, P, regular
 
-    def _rescue(self, local: int, z: float, variance: float) -> bool:
+    def _draw_posterior(self, local: int, z: float, variance: float) -> None:
         mean, P = self.means[local], self.covariances[local]
-        nu, S = z - mean[local], P[local, local] + variance
-        if nu * nu > GATE * S:
-            return False
-        gain = P[:, local] / S
+        gain = P[:, local] / (P[local, local] + variance)
+        nu = z - mean[local]
         self._draw(local, mean + gain * nu, P - np.outer(gain, P[local]))
-        return True
 
     def _draw_anew(self, local: int) -> None:
-        """Resample a cloud, unless too few different particles would be left."""
-        self._degenerate[local] = False
+        """Resample a cloud; draw it from a normal distribution where all would be copies."""
+        mean, P = self.means[local], self.covariances[local]
+        if self._jerked[local] < RENEWED * P[2, 2]:
+            self._draw(local, mean.copy(), P.copy())
+            return
+        self._degenerate[local], self._jerked[local] = False, 0.0
         indices = self._resample(self._w[local], self._rng)
-        mean, P, regular = kernels.pick(
-            self._clouds[local], indices, self.means[local], self._spare
-        )
+        mean, P, regular = kernels.pick(self._clouds[local], indices, mean, self._spare)
         if regular:
             self._clouds[local] = self._spare
             self._w[local], self._log_w[local] = 1.0 / self._count, -np.log(self._count)
@@ -114,7 +119,8 @@ class LocalFilters:
         noise = self._rng.standard_normal((3, self._count))
         self._clouds[local] = mean[:, None] + L @ noise
         self._w[local], self._log_w[local] = 1.0 / self._count, -np.log(self._count)
-        self.n_eff[local], self._degenerate[local] = float(self._count), False
+        self.n_eff[local] = float(self._count)
+        self._degenerate[local], self._jerked[local] = False, 0.0
         kernels.measure(
             self._clouds[local], self._w[local], mean, self.means[local], self.covariances[local]
         )
