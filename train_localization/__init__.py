@@ -1,0 +1,1 @@
+"""High-speed train: satellites, inertial sensors and odometer fused, through tunnels."""
