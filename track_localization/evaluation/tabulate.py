@@ -90,8 +90,14 @@ def _written(cell: Cell) -> str:
 
 
 def significant(value: float) -> str:
-    """Return ``value`` with three digits that matter, and never fewer than the whole number."""
+    """
+    Return ``value`` with three digits that matter, and never fewer than the whole number.
+
+    From ten millions on it is written with an exponent.
+    """
     if value == 0.0 or not math.isfinite(value):
         return f'{value:g}'
+    if abs(value) >= 1e7:
+        return f'{value:.2e}'
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
     return f'{value:.{min(digits, 5)}f}'

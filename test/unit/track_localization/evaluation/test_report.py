@@ -38,7 +38,10 @@ def test_csv_keeps_every_digit():
 
 @pytest.mark.parametrize(
     ('value', 'written'),
-    [(1234.5, '1234'), (12.345, '12.3'), (0.04567, '0.0457'), (0.0, '0'), (-2.5, '-2.50')],
+    [
+        *((1234.5, '1234'), (12.345, '12.3'), (0.04567, '0.0457'), (0.0, '0'), (-2.5, '-2.50')),
+        *((1234567.8, '1234568'), (-24427436016.0, '-2.44e+10')),
+    ],
 )
 def test_three_digits_that_matter(value, written):
     assert significant(value) == written
