@@ -65,11 +65,23 @@ def names_among(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
         unknown = [name for name in names if name not in known]
         if unknown or not names:
             raise argparse.ArgumentTypeError(
-                f'{", ".join(unknown) or "nothing"} is no method; there are {", ".join(known)}'
+                f'{", ".join(unknown) or "nothing"} is not known; there are {", ".join(known)}'
             )
         return names
 
     return parse
+
+
+def seed_range(text: str) -> range:
+    """Parse ``A:B`` of ``--seeds``; argparse turns the error into wrong usage."""
+    first, colon, last = text.partition(':')
+    try:
+        seeds = range(int(first), int(last) if colon else int(first) + 1)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not A:B') from None
+    if not seeds or seeds.start < 0:
+        raise argparse.ArgumentTypeError(f'{text!r}: no seeds in it')
+    return seeds
 
 
 def settings_help(config: Any) -> str:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from coaster_localization.methods import METHODS
+from track_localization.cli import goals
 from track_localization.cli.coaster import reproduce_goals, reproduce_tables, reproduce_track
 from track_localization.cli.coaster.reproduce_goals import Rides
 from track_localization.cli.coaster.reproduce_rides import (
+    KEEPER,
     SMALL_MOUNT,
     Ride,
     Task,
     code_fingerprint,
-    gather,
     scenarios,
 )
 from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps
-from track_localization.cli.common import guarded
+from track_localization.cli.common import guarded, names_among, seed_range
 from track_localization.evaluation import plots_sweeps, provenance
 from track_localization.sim.coaster import TRACKS
 
@@ -75,10 +76,10 @@ def make_parser() -> argparse.ArgumentParser:
         'whether the goals are met. Rides are kept: a second run prints from them.',
     )
     parser.add_argument(
-        '--seeds', type=_seeds, metavar='A:B', help='1000:1020; of the track filter 2000:2020'
+        '--seeds', type=seed_range, metavar='A:B', help='1000:1020; of the track filter 2000:2020'
     )
-    parser.add_argument('--tracks', type=_list_of(TRACKS), metavar='A,B')
-    parser.add_argument('--methods', type=_list_of(METHODS), metavar='A,B')
+    parser.add_argument('--tracks', type=names_among(TRACKS), metavar='A,B')
+    parser.add_argument('--methods', type=names_among(METHODS), metavar='A,B')
     parser.add_argument('--scenario', choices=scenarios(), help='nominal')
     parser.add_argument('--jobs', type=int, default=2, help='worker processes (2)')
     parser.add_argument(
@@ -104,7 +105,7 @@ def make_parser() -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> None:
     """Run or read the rides, then print and write the tables."""
     tasks, code = make_tasks(args), code_fingerprint()
-    publish(args, gather(tasks, args.output / 'rides', args.jobs, args.reprint, code))
+    publish(args, KEEPER.gather(tasks, args.output / 'rides', args.jobs, args.reprint, code))
 
 
 def make_tasks(args: argparse.Namespace) -> list[Task]:
@@ -128,7 +129,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
     """Print the tables; write them as Markdown and CSV, and draw the figures."""
     nominal = Rides([ride for ride in rides if ride.scenario == args.scenario])
     small = Rides([ride for ride in rides if ride.scenario == SMALL_MOUNT])
-    goals = reproduce_goals.goals(nominal, small)
+    reached = reproduce_goals.goals(nominal, small)
     tables = {
         'paper': reproduce_tables.paper_table(nominal, small),
         'methods': reproduce_tables.methods_table(nominal),
@@ -138,16 +139,16 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
     sweeps = reproduce_tables.sweeps_of(nominal)
     if sweeps is not None:
         tables['fig14'], tables['fig15'] = reproduce_tables.sweep_tables(sweeps)
-        goals += reproduce_tables.sweep_goals(sweeps)
+        reached += reproduce_tables.sweep_goals(sweeps)
         _draw(args.output, sweeps)
-    tables['goals'] = reproduce_goals.table(goals)
+    tables['goals'] = goals.table(reached)
     said = [
         f'reproduce coaster --seeds {args.seeds.start}:{args.seeds.stop} '
         f'--scenario {args.scenario}, tracks {", ".join(args.tracks)}.',
         *reproduce_tables.rides_note(rides),
         f'Commit {provenance.commit()}, code {code_fingerprint()}.',
     ]
-    reproduce_tables.show(args.output, tables, said)
+    goals.show(args.output, tables, said)
 
 
 def _draw(folder: Path, sweeps: Sweeps) -> None:
@@ -164,33 +165,10 @@ def _draw(folder: Path, sweeps: Sweeps) -> None:
     )
 
 
-def _seeds(text: str) -> range:
-    first, colon, last = text.partition(':')
-    try:
-        seeds = range(int(first), int(last) if colon else int(first) + 1)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{text!r} is not A:B') from None
-    if not seeds or seeds.start < 0:
-        raise argparse.ArgumentTypeError(f'{text!r}: no seeds in it')
-    return seeds
-
-
 def _count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} is not a count')
     return int(text)
-
-
-def _list_of(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
-    def parse(text: str) -> tuple[str, ...]:
-        names = tuple(dict.fromkeys(n.strip() for n in text.split(',') if n.strip()))
-        unknown = [n for n in names if n not in known]
-        if unknown or not names:
-            wrong = ', '.join(unknown) or 'nothing'
-            raise argparse.ArgumentTypeError(f'{wrong}: known are {", ".join(known)}')
-        return names
-
-    return parse
 
 
 if __name__ == '__main__':

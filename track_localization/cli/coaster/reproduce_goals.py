@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from track_localization.cli.coaster.reproduce_rides import SMALL_MOUNT_DEG, Ride
-from track_localization.evaluation.tabulate import Table
+from track_localization.cli.goals import Goal, at_most
 
 Array = NDArray[np.float64]
 
 MARKERS = 'markers_m.mean'
 NAN = float('nan')
-
-
-@dataclasses.dataclass(frozen=True)
-class Goal:
-    """One line of the acceptance table; ``met`` is None where nothing was run that tells."""
-
-    what: str
-    goal: str
-    ours: str
-    met: bool | None
 
 
 class Rides:
@@ -92,16 +81,6 @@ def goals(nominal: Rides, small_mount: Rides) -> list[Goal]:
         *_consistency(nominal),
         *_findings(nominal),
     ]
-
-
-def table(goals_: Sequence[Goal]) -> Table:
-    """Return the acceptance table."""
-    words = {True: 'met', False: 'NOT met', None: ''}
-    return Table(
-        'What it must reach',
-        ('what', 'goal', 'ours', ''),
-        [(g.what, g.goal, 'not run' if g.met is None else g.ours, words[g.met]) for g in goals_],
-    )
 
 
 def mount_of(ride: Ride) -> float:
@@ -262,8 +241,3 @@ def _findings(nominal: Rides) -> list[Goal]:
             bool(max(z, pitch) < min(yaw, roll)) if known else None,
         )
     ]
-
-
-def at_most(value: float, limit: float) -> bool | None:
-    """Return whether a value keeps within a limit; None where it is not known."""
-    return None if np.isnan(value) else bool(value <= limit)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +19,7 @@ from coaster_localization.track_rides import filter_ride
 from track_localization.cli.coaster import reproduce_midride
 from track_localization.cli.coaster import sweeps as coaster_sweeps
 from track_localization.cli.coaster.results import Reference, figures, floor_figures
-from track_localization.cli.common import say
-from track_localization.cli.progress import Progress
+from track_localization.cli.kept import Figures, Keeper, flat, read_figures, write_figures
 from track_localization.errors import DataError
 from track_localization.evaluation.metrics import summary
 from track_localization.evaluation.provenance import fingerprint
@@ -47,8 +42,6 @@ START_OFF_M = 20.0
 
 MID_RIDE = 'midride'
 """Nominal rides that the track filter comes to late; the methods are the starts."""
-
-Figures = dict[str, float | str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,59 +131,16 @@ def code_fingerprint() -> str:
             *(p for p in sorted(system.glob('*.py'))),
             *(shared / room for room in ('estimation', 'track', 'sim/coaster', 'sim/imu_error.py')),
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'interpolation')),
+            shared / 'cli' / 'kept.py',
             *(here / f'{n}.py' for n in ('results', 'sweeps')),
             *(here / f'reproduce_{n}.py' for n in ('rides', 'midride')),
         ]
     )
 
 
-def gather(tasks: Sequence[Task], folder: Path, jobs: int, reprint: bool, code: str) -> list[Ride]:
-    """
-    Return the rides, those that are kept in ``folder`` and the others run now, ``jobs`` at a time.
-
-    With ``reprint`` nothing is run, and rides serve that another code has made.
-    """
-    rides, left = kept_rides(tasks, folder, None if reprint else code)
-    if reprint:
-        if not rides:
-            raise DataError(f'{folder}: no rides are kept there; run without --reprint first')
-        say(f'{len(rides)} rides kept in {folder}, {len(left)} missing')
-        return rides
-    say(f'{len(left)} rides to run, {len(rides)} kept in {folder}')
-    with Progress(len(left), 'rides', quiet_s=10.0) as progress:
-        for ride in run_rides(left, folder, jobs, code):
-            rides.append(ride)
-            progress.done()
-            progress.bar(f'{ride.scenario} {ride.track} {ride.seed}')
-    return rides
-
-
-def kept_rides(
-    tasks: Sequence[Task], folder: Path, code: str | None
-) -> tuple[list[Ride], list[Task]]:
-    """Return the rides whose files serve (see ``read_ride``), and the tasks left to run."""
-    found = [(task, read_ride(folder / task.file, task, code)) for task in tasks]
-    return [ride for _, ride in found if ride is not None], [t for t, ride in found if ride is None]
-
-
-def run_rides(tasks: Sequence[Task], folder: Path, jobs: int, code: str) -> Iterator[Ride]:
-    """Run the tasks, ``jobs`` at a time; write the file of each and yield it as it ends."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for task, ride in _pool(tasks, jobs):
-        write_ride(folder / task.file, ride, code)
-        yield ride
-
-
 def write_ride(path: Path, ride: Ride, code: str) -> None:
-    """Write a ride as rows ``method,figure,value``; whole or not at all."""
-    rows = [('', 'code', code), *(('', k, v) for k, v in ride.about.items())]
-    rows += [(m, k, v) for m, entry in ride.methods.items() for k, v in entry.items()]
-    part = path.with_suffix('.part')
-    with part.open('w', encoding='utf-8', newline='') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(('method', 'figure', 'value'))
-        writer.writerows((m, k, repr(v) if isinstance(v, float) else v) for m, k, v in rows)
-    part.replace(path)
+    """Keep a ride."""
+    write_figures(path, ride.about, ride.methods, code)
 
 
 def read_ride(path: Path, task: Task, code: str | None) -> Ride | None:
@@ -199,16 +149,10 @@ def read_ride(path: Path, task: Task, code: str | None) -> Ride | None:
 
     It serves when it was made by the same ``code`` (None: by any) and has all that the task wants.
     """
-    if not path.is_file():
+    found = read_figures(path, code)
+    if found is None:
         return None
-    about: Figures = {}
-    methods: dict[str, Figures] = {}
-    with path.open(encoding='utf-8', newline='') as file:
-        for row in csv.DictReader(file):
-            entry = methods.setdefault(row['method'], {}) if row['method'] else about
-            entry[row['figure']] = _value(row['value'])
-    if code is not None and about.pop('code', None) != code:
-        return None
+    about, methods = found
     wanted = set(task.methods) if 'failed' not in about else set()
     swept = 'failed' in about or not task.sweep or any(k.startswith('sweep.') for k in about)
     if not wanted <= set(methods) or not swept:
@@ -216,24 +160,15 @@ def read_ride(path: Path, task: Task, code: str | None) -> Ride | None:
     return Ride(task.track, task.scenario, task.seed, about, methods)
 
 
-def flat(content: Mapping[str, Any], prefix: str = '') -> Figures:
-    """Return nested figures under dotted names, elements of a list by their number."""
-    out: Figures = {}
-    for name, value in content.items():
-        if isinstance(value, list):
-            out |= flat({str(k): element for k, element in enumerate(value)}, f'{prefix}{name}.')
-        elif isinstance(value, Mapping):
-            out |= flat(value, f'{prefix}{name}.')
-        else:
-            out[prefix + name] = value if isinstance(value, str) else float(value)
-    return out
-
-
-def _value(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+KEEPER = Keeper(
+    'rides',
+    run_task,
+    lambda task: task.file,
+    read_ride,
+    write_ride,
+    lambda ride: f'{ride.scenario} {ride.track} {ride.seed}',
+)
+"""Runs the rides and keeps them."""
 
 
 def _run_methods(
@@ -280,21 +215,3 @@ def _run_off(
         trajectory = outputs[name]()
         runtime = {'filter': filtered.runtime_s, 'output': time.perf_counter() - begin}
         yield MethodResult(name, trajectory, None, None, filtered.rejected, runtime)
-
-
-def _pool(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Ride]]:
-    """Run the tasks, ``jobs`` at a time, and yield each as it ends."""
-    if jobs <= 1:
-        for task in tasks:
-            yield task, run_task(task)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=get_context('spawn')) as pool:
-        running: dict[Future[Ride], Task] = {pool.submit(run_task, t): t for t in tasks}
-        try:
-            while running:
-                ended, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in ended:
-                    yield running.pop(future), future.result()
-        finally:
-            for future in running:
-                future.cancel()

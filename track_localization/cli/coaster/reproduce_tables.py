@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.methods import MATCHING, METHODS
-from track_localization.cli.coaster.reproduce_goals import MARKERS, Goal, Rides, gross, mount_of
+from track_localization.cli.coaster.reproduce_goals import MARKERS, Rides, gross, mount_of
 from track_localization.cli.coaster.reproduce_rides import Ride
 from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, collect
+from track_localization.cli.goals import Goal
 from track_localization.evaluation.tabulate import Table
 
 Array = NDArray[np.float64]
@@ -195,16 +195,6 @@ def rides_note(rides: Sequence[Ride]) -> list[str]:
         )
     said += [f'failed: {r.scenario} {r.track} seed {r.seed}: {r.about["failed"]}' for r in failed]
     return said
-
-
-def show(folder: Path, tables: Mapping[str, Table], said: Sequence[str]) -> None:
-    """Print the tables and sentences; write them as reproduce.md and each table as CSV."""
-    print('\n\n'.join([*(table.text() for table in tables.values()), '\n'.join(said)]))
-    folder.mkdir(parents=True, exist_ok=True)
-    parts = [table.markdown() for table in tables.values()] + ['  \n'.join(said)]
-    (folder / 'reproduce.md').write_text('\n\n'.join(parts) + '\n', encoding='utf-8')
-    for name, table in tables.items():
-        (folder / f'{name}.csv').write_text(table.csv(), encoding='utf-8')
 
 
 def _gain(rides: Rides, method: str) -> tuple[str, str]:

@@ -10,22 +10,23 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from coaster_localization.methods import TRACK_METHODS
-from track_localization.cli.coaster import reproduce_goals, reproduce_midride, reproduce_tables
+from track_localization.cli import goals
+from track_localization.cli.coaster import reproduce_midride, reproduce_tables
 from track_localization.cli.coaster.reproduce_goals import MARKERS, Rides
 from track_localization.cli.coaster.reproduce_rides import (
+    KEEPER,
     MID_RIDE,
     START_OFF,
     Ride,
     Task,
     code_fingerprint,
-    gather,
 )
 from track_localization.cli.coaster.reproduce_track_goals import (
     LIVE,
     POSITION,
     SMOOTHED,
     Exam,
-    goals,
+    track_goals,
 )
 from track_localization.evaluation import provenance
 from track_localization.evaluation.tabulate import Cell, Table
@@ -59,7 +60,7 @@ METHOD_COLUMNS: tuple[tuple[str, str, Callable[..., np.floating]], ...] = (
 def run(args: argparse.Namespace) -> None:
     """Run or read the rides, then print and write the tables."""
     tasks, code = make_tasks(args), code_fingerprint()
-    rides = gather(tasks, args.output / 'rides', args.jobs, args.reprint, code)
+    rides = KEEPER.gather(tasks, args.output / 'rides', args.jobs, args.reprint, code)
     publish(args, rides, code)
 
 
@@ -96,7 +97,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride], code: str) -> None:
         'tracks': tracks_table(nominal),
         'scenarios': scenarios_table(exam),
         'midride': midride_table(exam),
-        'goals': reproduce_goals.table(goals(exam)),
+        'goals': goals.table(track_goals(exam)),
     }
     said = [
         f'reproduce coaster --track-filter --seeds {args.seeds.start}:{args.seeds.stop} '
@@ -107,7 +108,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride], code: str) -> None:
         f'Run times with {args.jobs} jobs on {provenance.machine()["processors"]} processors.',
         f'Commit {provenance.commit()}, code {code}.',
     ]
-    reproduce_tables.show(args.output, tables, said)
+    goals.show(args.output, tables, said)
     content = {name: dataclasses.asdict(table) for name, table in tables.items()}
     text = json.dumps(_finite(content | {'about': said}), indent=2)
     (args.output / 'reproduce.json').write_text(text + '\n', encoding='utf-8')

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from track_localization.cli.coaster.reproduce_goals import MARKERS, NAN, Goal, Rides, at_most
-from track_localization.cli.coaster.reproduce_rides import Figures, Ride
+from track_localization.cli.coaster.reproduce_goals import MARKERS, NAN, Rides
+from track_localization.cli.coaster.reproduce_rides import Ride
+from track_localization.cli.goals import Goal, at_most
+from track_localization.cli.kept import Figures
 
 LIVE, SMOOTHED = 'track_filter', 'track_filter_smoothed'
 POSITION = 'position_m.mean'
@@ -79,7 +81,7 @@ class Exam:
         return Starts([entry for ride in rides for entry in ride.methods.values()])
 
 
-def goals(exam: Exam) -> list[Goal]:
+def track_goals(exam: Exam) -> list[Goal]:
     """Return every goal that is measured here."""
     return [*_accuracy(exam), *_consistency(exam), *_cost(exam), *_hard(exam), *_mid_ride(exam)]
 

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from track_localization.cli import goals as shown
 from track_localization.cli.coaster import reproduce, reproduce_goals, reproduce_tables
-from track_localization.cli.coaster.reproduce_goals import Goal, Rides
+from track_localization.cli.coaster.reproduce_goals import Rides
 from track_localization.cli.coaster.reproduce_rides import (
     SMALL_MOUNT,
     Ride,
@@ -17,6 +18,7 @@ from track_localization.cli.coaster.reproduce_rides import (
     write_ride,
 )
 from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps, as_figures
+from track_localization.cli.goals import Goal
 
 AT_MARKERS = {
     'dtw_z': 0.9,
@@ -133,7 +135,7 @@ def test_natural_small_mounts_count_beside_the_further_rides(good):
 def test_what_was_not_run_is_neither_met_nor_missed():
     goals = judged([], [])
     assert {g.met for g in goals} == {None}
-    assert 'not run' in reproduce_goals.table(goals).text()
+    assert 'not run' in shown.table(goals).text()
 
 
 def test_paper_table_stands_beside_ours(good):

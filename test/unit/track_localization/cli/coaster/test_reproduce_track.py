@@ -9,7 +9,6 @@ import pytest
 from coaster_localization.methods import TRACK_METHODS
 from coaster_localization.track_config import TrackFilterConfig
 from track_localization.cli.coaster import reproduce, reproduce_midride, reproduce_track
-from track_localization.cli.coaster.reproduce_goals import Goal
 from track_localization.cli.coaster.reproduce_midride import Answers
 from track_localization.cli.coaster.reproduce_rides import (
     MID_RIDE,
@@ -21,7 +20,8 @@ from track_localization.cli.coaster.reproduce_rides import (
     simulation,
     write_ride,
 )
-from track_localization.cli.coaster.reproduce_track_goals import LIVE, SMOOTHED, Exam, goals
+from track_localization.cli.coaster.reproduce_track_goals import LIVE, SMOOTHED, Exam, track_goals
+from track_localization.cli.goals import Goal
 from track_localization.estimation.imu import ImuSeries
 from track_localization.sim.coaster import scenario, simulate_coaster
 
@@ -78,16 +78,16 @@ def exam() -> Exam:
 
 
 def goal(exam: Exam, words: str) -> Goal:
-    (found,) = [g for g in goals(exam) if words in g.what]
+    (found,) = [g for g in track_goals(exam) if words in g.what]
     return found
 
 
 def test_good_rides_meet_every_goal(exam):
-    assert [g.what for g in goals(exam) if g.met is not True] == []
+    assert [g.what for g in track_goals(exam) if g.met is not True] == []
 
 
 def test_what_was_not_run_is_neither_met_nor_missed():
-    assert {g.met for g in goals(Exam([], {}, []))} == {None}
+    assert {g.met for g in track_goals(Exam([], {}, []))} == {None}
 
 
 @pytest.mark.parametrize(
