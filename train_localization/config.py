@@ -1,0 +1,99 @@
+"""Every setting of the train's estimators: the only home of their defaults."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from track_localization.settings import setting
+
+METHODS = ('robust', 'robust_map', 'paper', 'ins')
+
+
+@dataclasses.dataclass(frozen=True)
+class ImuConfig:
+    """What the IMU is worth; the defaults are an industrial one, 5 deg/h."""
+
+    gyro_noise: float = setting(0.2, 'deg/sqrt(h)', 'angle random walk', 1e-4, 100.0)
+    accel_noise: float = setting(0.06, 'm/s/sqrt(h)', 'velocity random walk', 1e-4, 100.0)
+    gyro_bias_sigma: float = setting(10.0, 'deg/h', 'of the gyro biases at start', 1e-4, 1e5)
+    accel_bias_sigma: float = setting(2.0, 'mg', 'of the accelerometer biases at start', 1e-4, 1e3)
+    gyro_bias_walk: float = setting(0.01, 'deg/h/sqrt(s)', 'walk of the gyro biases', 0.0, 1e4)
+    accel_bias_walk: float = setting(0.001, 'mg/sqrt(s)', 'walk of the accel. biases', 0.0, 1e3)
+
+
+@dataclasses.dataclass(frozen=True)
+class AlignmentConfig:
+    """How the attitude is found at the start."""
+
+    rest_s: float = setting(2.0, 's', 'of standing that level the platform', 0.2, 600.0)
+    level_sigma_deg: float = setting(0.3, 'deg', 'of roll and pitch then', 1e-3, 20.0)
+    moving_sigma_deg: float = setting(1.0, 'deg', 'of roll and pitch found under way', 1e-3, 20.0)
+    course_m: float = setting(20.0, 'm', 'of way between fixes that tell the course', 1.0, 1000.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class GnssConfig:
+    """Satellite fixes: a slow error of their own and a white one."""
+
+    slow_sigma_m: float = setting(0.8, 'm', 'slow horizontal error', 0.0, 100.0)
+    slow_sigma_up_m: float = setting(1.5, 'm', 'slow vertical error', 0.0, 100.0)
+    slow_s: float = setting(80.0, 's', 'its correlation time', 1.0, 1e5)
+    white_share: float = setting(0.4, '', 'of the claimed sigma that is white', 0.05, 10.0)
+    least_sigma_m: float = setting(0.3, 'm', 'least white sigma that is believed', 1e-3, 100.0)
+    hdop_limit: float = setting(5.0, '', 'fixes above it are not used', 0.5, 1e3)
+    huber: float = setting(6.6, '', 'NIS above which a fix weighs less', 1.0, 1e3)
+    gate: float = setting(25.0, '', 'NIS above which it is refused', 1.0, 1e6)
+    recover_after: int = setting(8, '', 'refused in a row: the filter is wrong', 1, 10000)
+    start_sigma_m: float = setting(3.0, 'm', 'of a fix whose covariance is not told', 0.01, 1e4)
+
+
+@dataclasses.dataclass(frozen=True)
+class WheelConfig:
+    """The odometer, and what rails forbid."""
+
+    sigma_mps: float = setting(0.15, 'm/s', 'of a speed', 1e-3, 10.0)
+    side_sigma_mps: float = setting(0.1, 'm/s', 'of motion across the rails', 1e-3, 10.0)
+    scale_sigma: float = setting(0.005, '', 'of its scale, minus 1', 0.0, 0.5)
+    mounting_sigma_deg: float = setting(0.5, 'deg', 'of the IMU in the car, yaw and pitch', 0.0, 45)
+    delay_s: float = setting(0.05, 's', 'how old a speed is at its stamp', 0.0, 5.0)
+    gate: float = setting(16.0, '', 'NIS above which a speed is slip', 1.0, 1e6)
+    recover_after: int = setting(80, '', 'refused in a row: the filter is wrong', 1, 10000)
+    nonholonomic: bool = setting(True, '', 'the train does not move across its rails')
+    constraint_rate_hz: float = setting(10.0, 'Hz', 'how often rails forbid', 0.1, 200.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class MapConfig:
+    """The surveyed line, and its own error."""
+
+    offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the whole map', 0.0, 100.0)
+    trusted_sigma_m: float = setting(0.4, 'm', 'of it, while fixes do not speak against', 0.01, 10)
+    local_sigma_m: float = setting(0.3, 'm', 'of its wander, across', 0.01, 100.0)
+    height_sigma_m: float = setting(0.5, 'm', 'of its wander, upward', 0.01, 100.0)
+    course_sigma_deg: float = setting(0.2, 'deg', 'of its direction', 1e-3, 45.0)
+    rate_hz: float = setting(1.0, 'Hz', 'how often it is used', 0.01, 100.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class PaperConfig:
+    """The paper's SINS/DR filter."""
+
+    fading: bool = setting(True, '', 'its adaptive fading factor, eq. (6)')
+    dr_sigma_m: float = setting(0.1, 'm', 'of p_SINS - p_DR', 1e-4, 100.0)
+    gnss_sigma_m: float = setting(1.0, 'm', 'least sigma of a fix', 1e-3, 100.0)
+    scale_sigma: float = setting(0.002, '', "of the odometer's scale", 0.0, 0.5)
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """All of it."""
+
+    method: str = setting('robust', '', 'how the sensors are fused', choices=METHODS)
+    epoch_s: float = setting(0.1, 's', 'of IMU samples that one filter step takes', 0.002, 2.0)
+    horizon_s: float = setting(2.0, 's', 'how late a message may come', 0.0, 60.0)
+    imu: ImuConfig = ImuConfig()
+    alignment: AlignmentConfig = AlignmentConfig()
+    gnss: GnssConfig = GnssConfig()
+    wheel: WheelConfig = WheelConfig()
+    map: MapConfig = MapConfig()
+    paper: PaperConfig = PaperConfig()
