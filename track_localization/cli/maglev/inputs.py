@@ -45,6 +45,13 @@ SENSORS = (
 )
 """Sensors, and the topics and types that they have in a bag."""
 
+UNREAD = {
+    'unreadable': 'The bag is damaged: at least {count} of its messages unreadable.',
+    'undecodable': 'The bag is damaged: {count} of its messages undecodable.',
+    'no_header_stamp': 'No {name} message has a header stamp: times of arrival are taken instead.',
+}
+"""Sentences about what could not be read as it should have been, by reason."""
+
 LOOP_FRAME, BALISE_FRAME = 'track', 'balise_'
 """Frame of the loop's poses; beginning of a balise's, its id follows."""
 
@@ -220,7 +227,9 @@ def _lacking(
                 f'the {sensor.sensor}; {_frame_wanted(sensor.sensor)}.'
             )
     said += [
-        f'{name}: {count} messages: {reason}'
+        UNREAD.get(reason, '{name}: {count} messages: {reason}').format(
+            name=name, count=count, reason=reason
+        )
         for name, counts in readings.rejected.items()
         for reason, count in counts.items()
     ]
