@@ -22,6 +22,7 @@ NODES = {
     'srdtw_matcher': 'coaster_localization.nodes.srdtw_matcher',
     'coaster_eskf': 'coaster_localization.nodes.eskf',
     'coaster_track_filter': 'coaster_localization.nodes.track_filter',
+    'maglev_federated_pf': 'maglev_localization.nodes.federated_pf',
     'sensor_publisher': 'track_localization.ros.replay',
 }
 
@@ -91,6 +92,16 @@ def test_a_signal_ends_an_estimator_cleanly(ros, start, circle_file, name, sign)
 
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_maglev_node_cleanly(ros, start, maglev_files, sign):
+    process = start('maglev_federated_pf', *(f'{k}:={v}' for k, v in maglev_files.items()))
+    assert appears(ros, 'maglev_federated_pf')
+    process.send_signal(sign)
+    code, out, err = finish(process)
+    assert (code, out) == (0, '')
+    assert 'Traceback' not in err
+
+
+@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('name', ['imu_publisher', 'sensor_publisher'])
 def test_a_signal_ends_a_replay_cleanly_and_it_says_how_far_it_came(ros, start, bag, name, sign):
     listener = ros.node('listener')
@@ -134,6 +145,8 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
         ('coaster_track_filter', 'design_ride:=/none.csv', 'parameter design_ride: /none.csv'),
         ('coaster_track_filter', 'track_filter.lag_s:=99', 'lag_s: 99.0 s is above'),
         ('srdtw_matcher', 'matcher.method:=guess', "parameter matcher.method: 'guess' is not one"),
+        ('maglev_federated_pf', 'balises:=/none.csv', 'parameter balises: /none.csv'),
+        ('maglev_federated_pf', 'particles:=many', "parameter particles: 'many' cannot stand for"),
     ],
 )
 def test_a_bad_parameter_gives_one_line_and_exit_code_1(start, name, given, said):
@@ -158,7 +171,9 @@ def test_help_lists_parameters_with_units(start, name):
     code, out, err = finish(start(name, plain=('--help',)))
     assert (code, err) == (0, '')
     assert out.startswith(f'{name}: ')
-    wanted = (
-        'start_offset = 0.0 [s]' if 'publisher' in name else 'mount_rpy_deg = (0.0, 0.0, 0.0) [deg]'
-    )
+    wanted = 'mount_rpy_deg = (0.0, 0.0, 0.0) [deg]'
+    if 'publisher' in name:
+        wanted = 'start_offset = 0.0 [s]'
+    elif name == 'maglev_federated_pf':
+        wanted = 'loop.pitch_m = 0.2 [m]'
     assert wanted in out

@@ -19,6 +19,7 @@ REMEDIES = {
     'wrong_frame': 'set the frame_id of the sender, or the frame_... parameters of this node',
     'unknown_id': 'name the table of this line in the parameter balises',
     'backward_time': 'after a restarted recording, call ~/reset',
+    'too_late': 'after a restarted recording, call ~/reset',
     'bad_stamp': 'the sender must stamp with the time of measurement',
 }
 
