@@ -33,6 +33,7 @@ setup(
         'PyYAML>=6',
         'matplotlib>=3.8',
         'rosbags>=0.11',
+        'pymap3d>=3.1',
     ],
     python_requires='>=3.11',
     zip_safe=False,
