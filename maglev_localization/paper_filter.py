@@ -41,7 +41,7 @@ LOCALS = (LOOP, RADAR)
 START_ACCELERATION_SIGMA = 1.0
 """What a train may accelerate with when the filter starts [m/s^2]."""
 
-LEAST_PARTICLES = 20
+LEAST_PARTICLES = 50
 
 
 class PaperFilter:
@@ -51,8 +51,8 @@ class PaperFilter:
     ``step`` gives an estimate at every radar measurement and every balise. At one stamp balises go
     first, then the loop, then the radar: both locals are corrected before anything is fed back.
 
-    Nothing is gated, as in the paper. Where a measurement leaves too few effective particles, its
-    local filter goes on from the normal distribution that the Kalman filter would have.
+    Nothing is gated, as in the paper. Where a measurement is so far off that too few particles tell
+    the posterior, its local filter goes on from that of a Kalman filter.
 
     Attributes:
         rejections: refused measurements by sensor and reason.

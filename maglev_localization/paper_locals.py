@@ -12,15 +12,23 @@ from track_localization.estimation.particles import RESAMPLING
 
 Array = NDArray[np.float64]
 
-LEAST_EFFECTIVE = 10.0
+LEAST_EFFECTIVE = 20.0
 """Fewer effective particles do not tell a mean and covariance of three states."""
 
-RENEWED = 0.25
+WITHIN = 9.0
 """
-Part of the acceleration's variance that jerks must have made since a cloud was last drawn.
+Squared innovation over its variance up to which particles tell the posterior.
 
-With less, particles resampled once more would be the same few: at 50 Hz a manoeuvre beyond the
-model then narrows the cloud until nothing moves it (a third of sigma, errors of 7 m).
+A cloud has no particles to speak of beyond three sigma. One that is pulled there time after time
+narrows, and follows less and less: what the model allows once in 370 measurements.
+"""
+
+RENEWAL_S = 0.7
+"""
+How long jerks take to make new particles out of copies [s].
+
+Where a cloud must be drawn anew sooner, resampling would leave the same few again: at 50 Hz a
+manoeuvre beyond the model then narrows it until nothing moves it, to errors of metres.
 """
 
 
@@ -40,7 +48,7 @@ class LocalFilters:
         self._clouds = np.zeros((2, 3, count))
         self._log_w, self._w = np.zeros((2, count)), np.zeros((2, count))
         self._spare = np.zeros((3, count))
-        self._degenerate, self._jerked = [False, False], [0.0, 0.0]
+        self._degenerate, self._since_s = [False, False], [0.0, 0.0]
         self.means, self.covariances = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self.n_eff = [float(count)] * 2
 
@@ -60,7 +68,7 @@ class LocalFilters:
         for local in range(2):
             if self._degenerate[local] and given != kernels.NOTHING:
                 self._draw_anew(local)
-            self._jerked[local] += variance * T * T / float(shares[local])
+            self._since_s[local] += T
         clouds, w, means, covariances = self._clouds, self._w, self.means, self.covariances
         rest = (T, variance, self._rng)
         if not kernels.advance(clouds, w, means, covariances, mean, P, shares, given, *rest):
@@ -72,9 +80,13 @@ class LocalFilters:
         """
         Weigh a cloud's particles by its measurement, eqs (5) and (7).
 
-        Where too few are left to tell the posterior, they are drawn anew from that of the normal
-        distribution with the cloud's mean and covariance.
+        Where too few would be left to tell the posterior, they are drawn anew from that of the
+        normal distribution with the cloud's mean and covariance, as a Kalman filter has it.
         """
+        nu, S = z - self.means[local, local], self.covariances[local, local, local] + variance
+        if nu * nu > WITHIN * S:
+            self._draw_posterior(local, nu, S)
+            return
         cloud, (log_w, w, _) = self._clouds[local], self._spare
         mean, P = np.empty(3), np.empty((3, 3))
         kernels.weigh(cloud[local], self._log_w[local], z, variance, log_w)
@@ -82,7 +94,7 @@ class LocalFilters:
         total, squares = kernels.measure(cloud, w, self.means[local], mean, P)
         n_eff = self.n_eff[local] = total * total / squares if squares > 0.0 else 0.0
         if n_eff < LEAST_EFFECTIVE:
-            self._draw_posterior(local, z, variance)
+            self._draw_posterior(local, nu, S)
             return
         kernels.settle(log_w, w, total, self._log_w[local], self._w[local])
         self.means[local], self.covariances[local] = mean, P
@@ -93,19 +105,18 @@ class LocalFilters:
         mean, P, regular = fuse_information(self.means, self.covariances)
         return mean, P, regular
 
-    def _draw_posterior(self, local: int, z: float, variance: float) -> None:
+    def _draw_posterior(self, local: int, nu: float, S: float) -> None:
         mean, P = self.means[local], self.covariances[local]
-        gain = P[:, local] / (P[local, local] + variance)
-        nu = z - mean[local]
+        gain = P[:, local] / S
         self._draw(local, mean + gain * nu, P - np.outer(gain, P[local]))
 
     def _draw_anew(self, local: int) -> None:
         """Resample a cloud; draw it from a normal distribution where all would be copies."""
         mean, P = self.means[local], self.covariances[local]
-        if self._jerked[local] < RENEWED * P[2, 2]:
+        if self._since_s[local] < RENEWAL_S:
             self._draw(local, mean.copy(), P.copy())
             return
-        self._degenerate[local], self._jerked[local] = False, 0.0
+        self._degenerate[local], self._since_s[local] = False, 0.0
         indices = self._resample(self._w[local], self._rng)
         mean, P, regular = kernels.pick(self._clouds[local], indices, mean, self._spare)
         if regular:
@@ -120,7 +131,7 @@ class LocalFilters:
         self._clouds[local] = mean[:, None] + L @ noise
         self._w[local], self._log_w[local] = 1.0 / self._count, -np.log(self._count)
         self.n_eff[local] = float(self._count)
-        self._degenerate[local], self._jerked[local] = False, 0.0
+        self._degenerate[local], self._since_s[local] = False, 0.0
         kernels.measure(
             self._clouds[local], self._w[local], mean, self.means[local], self.covariances[local]
         )

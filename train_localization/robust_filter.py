@@ -1,0 +1,300 @@
+"""The default filter: inertial navigation held by fixes, odometer, rails and the surveyed line."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_localization import kernels
+from train_localization.alignment import Start
+from train_localization.config import TrainConfig
+from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
+from train_localization.measurements import GnssFix, WheelSpeed
+from train_localization.placing import Placing
+from track_localization import GRAVITY
+from track_localization.track.centreline import Centreline
+
+Array = NDArray[np.float64]
+
+SETTLING_S = 5.0
+"""After a start nothing is refused for so long [s]."""
+LOST_AFTER_S = 2.5
+"""Without a fix for so long there is an outage [s]."""
+STILL_AFTER_S, STILL_MPS = 1.0, 0.02
+"""A train whose odometer reads less than this for so long stands."""
+STILL_SIGMA_MPS, STILL_SIGMA_RADPS = 0.02, 3e-4
+LEAST_MPS = 3.0
+"""Rails and the line's direction tell something of a train that is faster [m/s]."""
+ALONE_S = 1.0
+"""An odometer not heard for so long is missing [s]."""
+BIAS_AFTER_REST = 0.2
+"""Share of the gyro biases' sigma that is left after a rest."""
+AXES_OF = {'BDS/SINS': 3, 'height-aided': 2}
+LOST_M = 50.0
+MAP_GATE, MAP_LIMIT = 25.0, 4.0
+ANY = 1e300
+GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
+"""What a train may do unseen while the IMU is silent for longer, 1 sigma."""
+
+
+class Stretch(NamedTuple):
+    """
+    IMU samples of one filter step.
+
+    Attributes:
+        time_s: stamp of the last [s].
+        stamps: (m,) [s].
+        rates: (m, 3) [rad/s].
+        forces: (m, 3) [m/s^2].
+    """
+
+    time_s: float
+    stamps: Array
+    rates: Array
+    forces: Array
+
+
+class Fix(NamedTuple):
+    """A fix, and how many axes of it are good: 3, 2 (height-aided) or 0."""
+
+    time_s: float
+    gnss: GnssFix
+    axes: int
+
+
+Heard = Stretch | Fix | WheelSpeed
+
+
+class Fused(NamedTuple):
+    """
+    What the filter knows; never changed in place.
+
+    Attributes:
+        nav: (10,) see ``estimation.ins``.
+        aux: (14,) see ``kernels``.
+        P: (23, 23).
+        time_s: stamp of the last IMU sample [s].
+        before: (6,) that sample's rate and force.
+        w_mean: (3,) mean rate of the last step [rad/s].
+        gain: forward acceleration over the last step [m/s^2].
+        began_s: when the filter started [s].
+        fixed_s: stamp of the last good fix [s].
+        axes: of it.
+        refused_fixes: in a row.
+        wheel_s: stamp of the last odometer speed [s].
+        refused_wheel: in a row.
+        moved_s: when the odometer last turned [s].
+        railed_s: when the rails were last used [s].
+        mapped_s: when the line was [s].
+        chainage: nearest, along the line [m].
+        trusted: whether the map's offset has been taken for small.
+        reason: why the newest measurement was refused; '' when it was not.
+        nis: of it; NaN when it was not used.
+    """
+
+    nav: Array
+    aux: Array
+    P: Array
+    time_s: float
+    before: Array
+    w_mean: Array
+    gain: float
+    began_s: float
+    fixed_s: float
+    axes: int
+    refused_fixes: int
+    wheel_s: float
+    refused_wheel: int
+    moved_s: float
+    railed_s: float
+    mapped_s: float
+    chainage: float
+    trusted: bool
+    reason: str
+    nis: float
+
+
+class RobustFilter:
+    """
+    Takes what is known from measurement to measurement; stamps must not decrease.
+
+    Without a line (``track``, in the frame of ``placing``) it is ``robust``; with one
+    ``robust_map``. With ``aided`` False nothing but fixes is used: ``ins``.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        track: Centreline | None = None,
+        placing: Placing | None = None,
+        aided: bool = True,
+    ) -> None:
+        self._config, self._track, self._placing, self._aided = config, track, placing, aided
+        imu, gnss = config.imu, config.gnss
+        hour = math.radians(1.0) / 3600.0
+        self._noise = Noise(
+            (math.radians(imu.gyro_noise) / 60.0) ** 2,
+            (imu.accel_noise / 60.0) ** 2,
+            (imu.gyro_bias_walk * hour) ** 2,
+            (imu.accel_bias_walk * 1e-3 * GRAVITY) ** 2,
+            gnss.slow_sigma_m**2,
+            gnss.slow_sigma_up_m**2,
+            gnss.slow_s,
+        )
+
+    def start(self, start: Start) -> Fused:
+        """Return what is known at a start."""
+        imu, wheel, gnss, line = (
+            self._config.imu,
+            self._config.wheel,
+            self._config.gnss,
+            self._config.map,
+        )
+        sigma = np.zeros(SIZE)
+        sigma[9:12] = math.radians(imu.gyro_bias_sigma) / 3600.0
+        if start.rested:
+            sigma[9:12] = np.maximum(
+                BIAS_AFTER_REST * sigma[9:12], math.radians(imu.gyro_noise) / 60.0
+            )
+        sigma[12:15] = imu.accel_bias_sigma * 1e-3 * GRAVITY
+        sigma[SCALE], sigma[YAW : PITCH + 1] = (
+            wheel.scale_sigma,
+            math.radians(wheel.mounting_sigma_deg),
+        )
+        sigma[SLOW : SLOW + 2], sigma[SLOW + 2] = gnss.slow_sigma_m, gnss.slow_sigma_up_m
+        sigma[MAP : MAP + 2] = line.offset_sigma_m
+        P = np.diag(sigma**2)
+        P[:9, :9] = start.covariance
+        aux = np.zeros(AUX)
+        if start.rested:
+            aux[:3] = start.gyro_bias
+        nav = np.concatenate([start.geodetic, start.velocity, start.quaternion])
+        t, never = start.time_s, -math.inf
+        return Fused(
+            nav, aux, P, t, np.full(6, np.nan), np.zeros(3), 0.0, t, t, 3, 0, never, 0, t, t, t,
+            math.nan, False, '', math.nan,
+        )  # fmt: skip
+
+    def apply(self, state: Fused, heard: Heard) -> Fused:
+        """Return what is known after a measurement."""
+        nav, aux, P = state.nav.copy(), state.aux.copy(), state.P.copy()
+        state = state._replace(nav=nav, aux=aux, P=P, reason='', nis=math.nan)
+        if isinstance(heard, Stretch):
+            return self._stretch(state, heard)
+        if isinstance(heard, Fix):
+            return self._fix(state, heard)
+        return self._wheel(state, heard) if self._aided else state
+
+    def predict(self, state: Fused, stretch: Stretch) -> tuple[Fused, Array]:
+        """Return the state carried over IMU samples alone, and the transition (23, 23)."""
+        nav, aux, P = state.nav.copy(), state.aux.copy(), state.P.copy()
+        before = state.before.copy()
+        if np.isnan(before[0]):
+            before[:3], before[3:] = stretch.rates[0], stretch.forces[0]
+        inertial = np.empty((INERTIAL, INERTIAL))
+        speed = float(np.linalg.norm(nav[3:6]))
+        kernels.predict(
+            nav, aux, P, state.time_s, stretch.stamps, stretch.rates, stretch.forces, before,
+            self._noise, inertial,
+        )  # fmt: skip
+        span = max(stretch.time_s - state.time_s, 1e-9)
+        Phi = np.eye(SIZE)
+        Phi[:INERTIAL, :INERTIAL] = inertial
+        Phi[SLOW : SLOW + 3, SLOW : SLOW + 3] *= math.exp(-span / self._noise.slow_s)
+        gained = (float(np.linalg.norm(nav[3:6])) - speed) / span
+        longest = float(np.diff(stretch.stamps, prepend=state.time_s).max())
+        if longest > GAP_S:
+            P[:3, :3] += np.eye(3) * (0.5 * GAP_MPS2 * longest**2) ** 2
+            P[3:6, 3:6] += np.eye(3) * (GAP_MPS2 * longest) ** 2
+            P[8, 8] += (GAP_RADPS * longest) ** 2
+        state = state._replace(
+            nav=nav, aux=aux, P=P, time_s=stretch.time_s, before=before,
+            w_mean=stretch.rates.mean(axis=0), gain=gained,
+        )  # fmt: skip
+        return state, Phi
+
+    def _stretch(self, state: Fused, stretch: Stretch) -> Fused:
+        state, _ = self.predict(state, stretch)
+        if not self._aided:
+            return state
+        now, wheel = state.time_s, self._config.wheel
+        nav, aux, P = state.nav, state.aux, state.P
+        speed = float(np.linalg.norm(nav[3:6]))
+        heard = now - state.wheel_s < ALONE_S
+        if heard and now - state.moved_s > STILL_AFTER_S:
+            kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
+        elif wheel.nonholonomic and speed > LEAST_MPS:
+            if now - state.railed_s > 1.0 / wheel.constraint_rate_hz - 1e-6:
+                kernels.rails(nav, aux, P, wheel.side_sigma_mps**2)
+                state = state._replace(railed_s=now)
+        return self._line(state, speed) if self._track is not None else state
+
+    def _line(self, state: Fused, speed: float) -> Fused:
+        """Use the surveyed line, and trust it when fixes have gone."""
+        line, now = self._config.map, state.time_s
+        nav, aux, P = state.nav, state.aux, state.P
+        trusted = state.trusted
+        if not trusted and now - state.fixed_s > LOST_AFTER_S:
+            kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
+            trusted = True
+        if now - state.mapped_s < 1.0 / line.rate_hz - 1e-6:
+            return state._replace(trusted=trusted)
+        assert self._track is not None
+        assert self._placing is not None
+        position, to_level = self._placing.position(nav), self._placing.rotation(nav).T
+        near = None if math.isnan(state.chainage) else state.chainage + speed / line.rate_hz
+        s = float(self._track.nearest(position, near, None if near is None else 100.0))
+        tangent = to_level @ self._track.tangent(s)
+        left = np.array([-tangent[1], tangent[0], 0.0]) / max(math.hypot(*tangent[:2]), 1e-6)
+        if speed > LEAST_MPS:
+            R = np.array([line.local_sigma_m**2, line.height_sigma_m**2])
+            nis = kernels.line(
+                nav, aux, P, to_level @ (self._track.position(s) - position), left, np.cross(tangent, left), R,
+                math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
+            )  # fmt: skip
+            state = state._replace(nis=nis, reason='off_the_map' if nis > MAP_GATE else '')
+        return state._replace(mapped_s=now, chainage=s, trusted=trusted)
+
+    def _fix(self, state: Fused, heard: Fix) -> Fused:
+        gnss, fix = self._config.gnss, heard.gnss
+        if heard.axes == 0:
+            return state
+        nav, aux, P = state.nav, state.aux, state.P
+        ahead = kernels.apart(nav, fix.latitude, fix.longitude, fix.height)
+        ahead -= nav[3:6] * (fix.time_s - state.time_s)
+        claimed = np.sqrt(np.maximum(np.diag(fix.covariance), 0.0))
+        R = np.maximum(gnss.white_share * claimed, gnss.least_sigma_m) ** 2
+        settling = state.time_s - state.began_s < SETTLING_S
+        if state.refused_fixes >= gnss.recover_after:
+            P[:3, :3] += np.diag(ahead**2 + LOST_M**2)
+            settling = True
+        nis = kernels.fix(
+            nav, aux, P, ahead, R, heard.axes, gnss.huber, ANY if settling else gnss.gate
+        )
+        if nis > gnss.gate and not settling:
+            return state._replace(
+                refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis
+            )
+        return state._replace(refused_fixes=0, fixed_s=fix.time_s, axes=heard.axes, nis=nis)
+
+    def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
+        wheel = self._config.wheel
+        nav, aux, P = state.nav, state.aux, state.P
+        turned = abs(heard.speed) > STILL_MPS
+        state = state._replace(
+            wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
+        )
+        gained = state.gain * (state.time_s - heard.time_s + wheel.delay_s)
+        R = max(wheel.sigma_mps**2, heard.variance)
+        settling = state.time_s - state.began_s < SETTLING_S
+        if state.refused_wheel >= wheel.recover_after:
+            P[3:6, 3:6] += np.eye(3) * (heard.speed - np.linalg.norm(nav[3:6])) ** 2
+            settling = True
+        gate = ANY if settling else wheel.gate
+        nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, gate)
+        if nis > gate:
+            return state._replace(refused_wheel=state.refused_wheel + 1, reason='slip', nis=nis)
+        return state._replace(refused_wheel=0, nis=nis)
