@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from train_localization.config import AlignmentConfig
-from train_localization.measurements import GnssFix, WheelSpeed
 from track_localization.estimation import so3
 from track_localization.estimation.imu import ImuSample
 from track_localization.geodesy import Datum, enu_from_geodetic
+from train_localization.config import AlignmentConfig
+from train_localization.measurements import GnssFix, WheelSpeed
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class Alignment:
         first = self._fixes[0][0]
         datum = Datum(first.latitude, first.longitude, first.height)
         places = np.array([[f.latitude, f.longitude, f.height] for f, _ in self._fixes])
-        way = enu_from_geodetic(*places.T, datum)
+        way = enu_from_geodetic(places[:, 0], places[:, 1], places[:, 2], datum)
         distance = float(np.hypot(*way[-1, :2]))
         if distance < self._config.course_m or fix.time_s - first.time_s < 0.5:
             return
@@ -110,7 +110,11 @@ class Alignment:
         rates = np.array([s.angular_rate for s in self._resting])
         forces = np.array([s.specific_force for s in self._resting])
         standing = self._speed is None or abs(self._speed.speed) < 0.05
-        if standing and rates.std(axis=0).max() < STILL_RATE and forces.std(axis=0).max() < STILL_FORCE:
+        if (
+            standing
+            and rates.std(axis=0).max() < STILL_RATE
+            and forces.std(axis=0).max() < STILL_FORCE
+        ):
             mean = rates.mean(axis=0)
             if np.abs(mean).max() < STILL_RATE:
                 self._gyro_bias, self._rested = mean, True

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from train_localization.measurements import GnssFix, GnssQuality, Measurement, WheelSpeed
 from track_localization.estimation.imu import ImuSample
+from train_localization.measurements import GnssFix, GnssQuality, Measurement, WheelSpeed
 
 MAX_FORCE, MAX_RATE, MAX_SPEED_MPS = 200.0, 20.0, 300.0
 """Beyond any train [m/s^2], [rad/s], [m/s]."""

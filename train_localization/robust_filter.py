@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization import GRAVITY
+from track_localization.track.centreline import Centreline
 from train_localization import kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.placing import Placing
-from track_localization import GRAVITY
-from track_localization.track.centreline import Centreline
 
 Array = NDArray[np.float64]
 
@@ -226,10 +226,13 @@ class RobustFilter:
         heard = now - state.wheel_s < ALONE_S
         if heard and now - state.moved_s > STILL_AFTER_S:
             kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
-        elif wheel.nonholonomic and speed > LEAST_MPS:
-            if now - state.railed_s > 1.0 / wheel.constraint_rate_hz - 1e-6:
-                kernels.rails(nav, aux, P, wheel.side_sigma_mps**2)
-                state = state._replace(railed_s=now)
+        elif (
+            wheel.nonholonomic
+            and speed > LEAST_MPS
+            and now - state.railed_s > 1.0 / wheel.constraint_rate_hz - 1e-6
+        ):
+            kernels.rails(nav, aux, P, wheel.side_sigma_mps**2)
+            state = state._replace(railed_s=now)
         return self._line(state, speed) if self._track is not None else state
 
     def _line(self, state: Fused, speed: float) -> Fused:
@@ -251,8 +254,9 @@ class RobustFilter:
         left = np.array([-tangent[1], tangent[0], 0.0]) / max(math.hypot(*tangent[:2]), 1e-6)
         if speed > LEAST_MPS:
             R = np.array([line.local_sigma_m**2, line.height_sigma_m**2])
+            ahead = to_level @ (self._track.position(s) - position)
             nis = kernels.line(
-                nav, aux, P, to_level @ (self._track.position(s) - position), left, np.cross(tangent, left), R,
+                nav, aux, P, ahead, left, np.cross(tangent, left), R,
                 math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
             )  # fmt: skip
             state = state._replace(nis=nis, reason='off_the_map' if nis > MAP_GATE else '')
@@ -275,9 +279,7 @@ class RobustFilter:
             nav, aux, P, ahead, R, heard.axes, gnss.huber, ANY if settling else gnss.gate
         )
         if nis > gnss.gate and not settling:
-            return state._replace(
-                refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis
-            )
+            return state._replace(refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis)
         return state._replace(refused_fixes=0, fixed_s=fix.time_s, axes=heard.axes, nis=nis)
 
     def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:

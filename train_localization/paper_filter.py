@@ -1,0 +1,172 @@
+"""
+The paper's SINS/DR filter, its equations by number (paper 4): 19 states, sequential, fading.
+
+The error state is that of the inertial navigation (15), the dead-reckoned position's (3) and the
+odometer's scale (1). While fixes are good they correct it (BDS/SINS); with three satellites they
+correct it in the plane; else the difference of the navigated and the dead-reckoned position does,
+eqs (4), (5). Dead reckoning starts where the fixes end. The paper works in north-east-down; here
+axes are east-north-up and the attitude error is in the body, see ``estimation.ins``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from track_localization import GRAVITY
+from track_localization.estimation.sequential import update
+from train_localization import kernels
+from train_localization.alignment import Start
+from train_localization.config import TrainConfig
+from train_localization.measurements import WheelSpeed
+from train_localization.robust_filter import (
+    LOST_AFTER_S,
+    SETTLING_S,
+    Fix,
+    Fused,
+    Heard,
+    RobustFilter,
+    Stretch,
+)
+
+Array = NDArray[np.float64]
+
+SIZE, DR, SCALE = 19, 15, 18
+FADING_MEMORY = 0.95
+"""Of the innovation's variance, eq. (6)."""
+
+
+@njit(cache=True)
+def fade(P: Array, h: Array, R: float, nu: float, V: float) -> float:
+    """
+    Raise ``P`` by the adaptive single fading factor of one channel, eqs (6), (10), in place.
+
+    ``V`` is the channel's innovation variance before; return it with ``nu`` in it. NaN begins it.
+    """
+    V = nu * nu if math.isnan(V) else (FADING_MEMORY * V + nu * nu) / (1.0 + FADING_MEMORY)
+    hPh = h @ P @ h
+    if hPh > 0.0:
+        factor = (V - R) / hPh
+        if factor > 1.0:
+            P *= factor
+    return V
+
+
+@njit(cache=True)
+def correct(
+    nav: Array, aux: Array, P: Array, ahead: Array, R: Array, other: int, axes: int, V: Array
+) -> None:
+    """
+    Correct the navigation by a position ``ahead`` (3,) of it [m], one axis after the other.
+
+    ``other`` is where the error of that position stands in the state, -1 where it has none.
+    ``V`` (3,) are the channels' innovation variances, filled with NaN where fading is off.
+    """
+    dx, h = np.zeros(SIZE), np.zeros(SIZE)
+    for k in range(axes):
+        h[:] = 0.0
+        h[k] = 1.0
+        if other >= 0:
+            h[other + k] = -1.0
+        if not math.isinf(V[k]):
+            V[k] = fade(P, h, R[k], ahead[k] - h @ dx, V[k])
+        update(P, h, R[k], ahead[k], dx)
+    kernels.give(nav, aux, dx)
+
+
+class PaperFilter:
+    """Takes what is known from measurement to measurement; see ``RobustFilter``."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        self._config = config
+        # What carries the inertial states over a stretch is the same.
+        self._inertial = RobustFilter(config, aided=False)
+
+    def start(self, start: Start) -> Fused:
+        """Return what is known at a start; ``aux`` is biases, dead-reckoned lead, scale, V."""
+        imu = self._config.imu
+        sigma = np.zeros(SIZE)
+        sigma[9:12] = math.radians(imu.gyro_bias_sigma) / 3600.0
+        sigma[12:15] = imu.accel_bias_sigma * 1e-3 * GRAVITY
+        sigma[DR:SCALE] = 1e-3
+        sigma[SCALE] = self._config.paper.scale_sigma
+        P = np.diag(sigma**2)
+        P[:9, :9] = start.covariance
+        state = self._inertial.start(start)
+        channels = np.full(3, math.nan if self._config.paper.fading else math.inf)
+        return state._replace(aux=np.concatenate([np.zeros(10), channels]), P=P)
+
+    def apply(self, state: Fused, heard: Heard) -> Fused:
+        """Return what is known after a measurement."""
+        state = state._replace(
+            nav=state.nav.copy(), aux=state.aux.copy(), P=state.P.copy(), reason='', nis=math.nan
+        )
+        if isinstance(heard, Stretch):
+            return self._stretch(state, heard)
+        if isinstance(heard, Fix):
+            return self._fix(state, heard)
+        return self._wheel(state, heard)
+
+    def _stretch(self, state: Fused, stretch: Stretch) -> Fused:
+        before = state.nav[3:6].copy()
+        span = stretch.time_s - state.time_s
+        state, _ = self._inertial.predict(state, stretch)
+        # The dead-reckoned position stays where it was, and so falls behind the navigated one.
+        state.aux[6:9] -= 0.5 * (before + state.nav[3:6]) * span
+        return state
+
+    def _fix(self, state: Fused, heard: Fix) -> Fused:
+        if heard.axes == 0:
+            return state._replace(axes=0)
+        fix, nav = heard.gnss, state.nav
+        ahead = kernels.apart(nav, fix.latitude, fix.longitude, fix.height)
+        ahead -= nav[3:6] * (fix.time_s - state.time_s)
+        R = np.maximum(np.diag(fix.covariance), self._config.paper.gnss_sigma_m**2)
+        off = np.full(3, math.inf)
+        correct(nav, state.aux[:10], state.P, ahead, R, -1, heard.axes, off)
+        self._set_dead_reckoning(state)
+        return state._replace(fixed_s=fix.time_s, axes=heard.axes)
+
+    def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
+        """Carry the dead-reckoned position on; correct by it where there is no fix, eq. (4)."""
+        nav, aux, P = state.nav, state.aux, state.P
+        elapsed = heard.time_s - state.wheel_s if math.isfinite(state.wheel_s) else 0.0
+        forward = kernels.rotation(nav)[:, 0]
+        way = heard.speed / (1.0 + aux[9]) * min(elapsed, 2.0)
+        aux[6:9] += way * forward
+        self._carry(P, kernels.rotation(nav), way, heard.speed * min(elapsed, 2.0))
+        state = state._replace(wheel_s=heard.time_s)
+        lost = state.axes == 0 or state.time_s - state.fixed_s > LOST_AFTER_S
+        if not lost:
+            return state
+        ahead = aux[6:9] + nav[3:6] * (state.time_s - heard.time_s)
+        R = np.full(3, self._config.paper.dr_sigma_m**2)
+        settling = state.time_s - state.began_s < SETTLING_S
+        V = np.full(3, math.inf) if settling else aux[10:13]
+        moved = nav[:3].copy()
+        correct(nav, aux[:10], P, ahead, R, DR, 3, V)
+        aux[6:9] -= -kernels.apart(nav, moved[0], moved[1], moved[2])
+        return state
+
+    @staticmethod
+    def _carry(P: Array, R_nb: Array, way: float, run: float) -> None:
+        """Carry the errors of the dead-reckoned position over a way [m], in place."""
+        F = np.eye(SIZE)
+        # d(C u way) = C (theta x u) way - C u run dK, with u forward.
+        F[DR:SCALE, 7] = -R_nb[:, 2] * way
+        F[DR:SCALE, 8] = R_nb[:, 1] * way
+        F[DR:SCALE, SCALE] = -R_nb[:, 0] * run
+        P[:] = F @ P @ F.T
+        P[DR:SCALE, DR:SCALE] += np.eye(3) * (1e-3 * abs(way)) ** 2
+
+    @staticmethod
+    def _set_dead_reckoning(state: Fused) -> None:
+        """Let dead reckoning start from the navigated position, errors and all."""
+        state.aux[6:9] = 0.0
+        P = state.P
+        P[DR:SCALE, :] = P[:3, :]
+        P[:, DR:SCALE] = P[:, :3]
+        P[DR:SCALE, DR:SCALE] = P[:3, :3]

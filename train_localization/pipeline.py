@@ -1,0 +1,271 @@
+"""The train's estimator as a plain object: measurements in as they arrive, estimates out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from track_localization.estimation import so3
+from track_localization.estimation.gating import Rejections
+from track_localization.estimation.history import History, TooLateError
+from track_localization.estimation.imu import ImuSample
+from track_localization.estimation.stamps import Stamps
+from track_localization.geodesy import Datum
+from track_localization.track.centreline import Centreline
+from train_localization import kernels
+from train_localization.alignment import Alignment, Start
+from train_localization.config import TrainConfig
+from train_localization.estimate import Estimate
+from train_localization.gathering import Gathering
+from train_localization.measurements import (
+    GNSS,
+    IMU,
+    WHEEL,
+    GnssFix,
+    GnssQuality,
+    Measurement,
+    WheelSpeed,
+    sensor_of,
+)
+from train_localization.paper_filter import PaperFilter
+from train_localization.placing import Placing
+from train_localization.plausible import problem
+from train_localization.robust_filter import LOST_AFTER_S, Fix, Fused, RobustFilter, Stretch
+
+Array = NDArray[np.float64]
+
+ALIGNING = 'aligning'
+SILENT_S = 1.5
+"""A sensor not heard for so long is missing [s]."""
+
+
+class TrainPipeline:
+    """
+    The method that ``config`` names, driven by stamps only.
+
+    Nothing that is pushed can raise: what cannot be used is counted with the reason.
+
+    Attributes:
+        mode: what the position rests on.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        track: Centreline | None = None,
+        datum: Datum | None = None,
+    ) -> None:
+        """
+        Make it.
+
+        Args:
+            config: every setting.
+            track: the surveyed line in ``map``, which only ``robust_map`` uses in its filter; with
+                any method it gives the chainage. It needs a datum.
+            datum: origin of ``map``; without one it is the first fix.
+        """
+        self._config, self._track, self._given_datum = config, track, datum
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the next measurements align anew."""
+        self._rejections = Rejections()
+        self._stamps = Stamps(self._config.horizon_s, ordered=(IMU,))
+        self._placing = None if self._given_datum is None else Placing(self._given_datum)
+        self._align()
+        self._nis: dict[str, float] = {}
+        self._heard_s: dict[str, float] = {}
+        self._given: Start | None = None
+        self._chainage = math.nan
+        self._late = 0
+        self.mode = ALIGNING
+        self._latest: Estimate | None = None
+
+    def _align(self) -> None:
+        """Begin to look for the attitude."""
+        self._alignment = Alignment(self._config.alignment)
+        self._gathering = Gathering(self._config.gnss, self._config.epoch_s)
+        self._history: History[Any, Any] | None = None
+        self._filter: Any = None
+
+    @property
+    def rejected(self) -> dict[str, dict[str, int]]:
+        """Refused measurements: sensor -> reason -> count."""
+        return self._rejections.as_dict()
+
+    @property
+    def datum(self) -> Datum | None:
+        """Origin of ``map``; None before the first fix."""
+        return None if self._placing is None else self._placing.datum
+
+    def set_start(self, start: Start) -> None:
+        """Start from a known place and attitude at the next IMU sample after it."""
+        self._align()
+        self._given = start
+
+    def push(self, measurement: Measurement) -> list[Estimate]:
+        """Take a measurement; return the estimates that it makes possible."""
+        sensor = sensor_of(measurement)
+        reason = problem(measurement) or self._stamps.refuse(sensor, measurement.time_s)
+        if reason is not None:
+            self._rejections.add(sensor, reason)
+            return []
+        self._heard_s[sensor] = measurement.time_s
+        if self._stamps.gap_s > 0.0:
+            self._align()
+            self.mode = ALIGNING
+        if isinstance(measurement, GnssFix) and self._placing is None:
+            self._placing = Placing(
+                Datum(measurement.latitude, measurement.longitude, measurement.height)
+            )
+        self._gather(measurement)
+        estimates: list[Estimate] = []
+        for heard in self._gathering.due():
+            estimates += self._take(heard)
+        return estimates
+
+    def _gather(self, measurement: Measurement) -> None:
+        if isinstance(measurement, ImuSample):
+            self._gathering.imu(measurement)
+        elif isinstance(measurement, GnssQuality):
+            self._gathering.quality(measurement)
+            if self._gathering.axes(measurement) == 0:
+                self._rejections.add(
+                    GNSS, 'few_satellites' if measurement.satellites < 3 else 'hdop'
+                )
+        else:
+            self._gathering.wait(measurement)
+
+    def _take(self, heard: Stretch | Fix | WheelSpeed) -> list[Estimate]:
+        if self._history is None:
+            return self._begin(heard)
+        newest = self._history.newest_s
+        sensor = IMU if isinstance(heard, Stretch) else GNSS if isinstance(heard, Fix) else WHEEL
+        try:
+            replayed = self._history.add(heard.time_s, heard, 0 if sensor == IMU else 1)
+        except TooLateError:
+            self._rejections.add(sensor, 'too_late')
+            return []
+        state = self._history.state
+        if replayed:
+            self._late += 1
+        else:
+            self._note(sensor, state)
+        if sensor != IMU or heard.time_s < newest:
+            return []
+        self._latest = self.estimate(state)
+        self.mode = self._latest.mode
+        return [self._latest]
+
+    def _begin(self, heard: Stretch | Fix | WheelSpeed) -> list[Estimate]:
+        """Look for a start; make the filter when there is one."""
+        if isinstance(heard, Stretch):
+            for stamp, rate, force in zip(heard.stamps, heard.rates, heard.forces, strict=True):
+                self._alignment.imu(ImuSample(float(stamp), force, rate))
+        elif isinstance(heard, Fix):
+            if heard.axes == 3:
+                self._alignment.gnss(heard.gnss)
+        else:
+            self._alignment.wheel(heard)
+        start = self._alignment.start
+        if self._given is not None and heard.time_s >= self._given.time_s:
+            start, self._given = self._given, None
+        if start is None or self._placing is None:
+            return []
+        self._filter = self._make_filter()
+        state = self._filter.start(start)
+        self._history = History(self._filter.apply, state, start.time_s, self._config.horizon_s)
+        return []
+
+    def _make_filter(self) -> Any:
+        method, placing = self._config.method, self._placing
+        if method == 'paper':
+            return PaperFilter(self._config)
+        track = self._track if method == 'robust_map' else None
+        return RobustFilter(self._config, track, placing, aided=method != 'ins')
+
+    def _note(self, sensor: str, state: Any) -> None:
+        """Count what became of the newest measurement."""
+        if state.reason:
+            self._rejections.add('map' if state.reason == 'off_the_map' else sensor, state.reason)
+        if math.isfinite(state.nis):
+            name = 'map' if sensor == IMU else sensor
+            before = self._nis.get(name, state.nis)
+            self._nis[name] = before + 0.05 * (state.nis - before)
+
+    def estimate(self, state: Fused) -> Estimate:
+        """Return the estimate that a state of the filter is, in ``map``."""
+        assert self._placing is not None
+        nav = state.nav
+        turn, place = self._placing.rotation(nav), self._placing.position(nav)
+        T = np.eye(9)
+        T[:3, :3] = T[3:6, 3:6] = turn
+        covariance = T @ state.P[:9, :9] @ T.T
+        chainage = sigma = None
+        if self._track is not None:
+            near = None if math.isnan(self._chainage) else self._chainage
+            s = float(self._track.nearest(place, near, None if near is None else 100.0))
+            tangent = self._track.tangent(s)
+            self._chainage, chainage = s, s
+            sigma = float(np.sqrt(tangent @ covariance[:3, :3] @ tangent))
+        return Estimate(
+            time_s=state.time_s,
+            geodetic=nav[:3].copy(),
+            position=place,
+            quaternion=so3.quat_from_matrix(turn @ kernels.rotation(nav)),
+            velocity=turn @ nav[3:6],
+            angular_rate=state.w_mean,
+            covariance=covariance,
+            mode=self._mode(state),
+            chainage=chainage,
+            sigma_along=sigma,
+        )
+
+    def _mode(self, state: Fused) -> str:
+        now = state.time_s
+        if state.axes and now - state.fixed_s < LOST_AFTER_S:
+            return 'BDS/SINS' if state.axes == 3 else 'height-aided'
+        uses_wheel = self._config.method != 'ins'
+        return 'SINS/DR' if uses_wheel and now - state.wheel_s < SILENT_S else 'SINS'
+
+    def entries(self) -> Iterator[tuple[float, Any, Fused]]:
+        """Yield (stamp, measurement, state after it) of the filter's history, in time order."""
+        if self._history is not None:
+            yield from self._history.entries()
+
+    @property
+    def filter(self) -> Any:
+        """The filter that runs; None before the start."""
+        return self._filter
+
+    def diagnostics(self) -> dict[str, float | str]:
+        """Return what a user wants to see of the filter's state."""
+        out: dict[str, float | str] = {
+            'method': self._config.method,
+            'mode': self.mode,
+            'status': '' if self._history is not None else 'aligning: waits for fixes under way',
+        }
+        if self._latest is not None:
+            sigma = np.sqrt(np.diag(self._latest.covariance))
+            out |= {
+                'speed_mps': round(self._latest.speed, 3),
+                'sigma_east_m': round(float(sigma[0]), 3),
+                'sigma_north_m': round(float(sigma[1]), 3),
+                'sigma_up_m': round(float(sigma[2]), 3),
+            }
+            newest = self._latest.time_s
+            for sensor, heard_s in self._heard_s.items():
+                out[f'health.{sensor}'] = 'ok' if newest - heard_s < SILENT_S else 'silent'
+        out |= {f'nis.{sensor}': round(nis, 3) for sensor, nis in self._nis.items()}
+        out['late'] = self._late
+        return out
+
+
+def with_method(config: TrainConfig, method: str) -> TrainConfig:
+    """Return the settings with another method."""
+    return dataclasses.replace(config, method=method)
