@@ -76,8 +76,9 @@ class History(Generic[S, M]):
             if later is not None:
                 state = self._apply(state, later)
                 self._states[i] = state
+        replayed = len(self._keys) - 1 - index
         self._trim()
-        return len(self._keys) - 1 - index
+        return replayed
 
     def entries(self) -> Iterator[tuple[float, M | None, S]]:
         """Yield (stamp, measurement, state after it) in time order; the first has None."""

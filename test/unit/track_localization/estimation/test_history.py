@@ -53,3 +53,9 @@ def test_memory_is_bounded_and_reaches_the_horizon():
     history = run([(0.01 * k, 0.0, 0) for k in range(1, 5000)], horizon_s=2.0)
     assert len(history) < 300
     assert history.newest_s - history.oldest_s >= 2.0
+
+
+def test_trimming_is_not_counted_as_replaying():
+    """In order nothing is replayed, however often the history forgets."""
+    history = History(lambda state, z: state + z, 0.0, 0.0, horizon_s=1.0)
+    assert [history.add(0.1 * k, 1.0) for k in range(1, 100)] == [0] * 99
