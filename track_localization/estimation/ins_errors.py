@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from track_localization.estimation import quaternion as quat
-from track_localization.estimation.earth import EARTH_RATE, curvature_radii, gravity_slope
+from track_localization.estimation.earth import EARTH_RATE, curvature_radii, gravity, gravity_slope
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ def error_transition(nav: Array, f: Array, w: Array, dt: float, Phi: Array) -> N
     Write the transition (15, 15) of the error over ``dt`` [s] into ``Phi``, to second order.
 
     ``nav`` (10,) is the state before the step, ``f`` and ``w`` (3,) are the step's mean force and
-    rate, free of bias. Left out is what the ellipsoid adds to a sphere of the same two radii: less
-    than 1 % of v / R, and of gravity's change by latitude.
+    rate, free of bias. Left out is how radii and gravity change with latitude: less than 1 % of
+    what the frame's rotation does, and 8e-9 m/s^2 per metre.
     """
     F = np.zeros((MOVING, STATES))
     dynamics(nav, f, w, dt, F)
@@ -53,20 +53,21 @@ def dynamics(nav: Array, f: Array, w: Array, dt: float, F: Array) -> None:
     """
     Fill ``F`` (9, 15), zero before: time derivatives of the first nine errors by all of them.
 
-    The attitude is that in the middle of the step.
+    Attitude and velocity are those in the middle of the step.
     """
     M, N = curvature_radii(nav[0])
     along, across = M + nav[2], N + nav[2]
-    vE, vN, vU = nav[3], nav[4], nav[5]
     tan = np.tan(nav[0])
     north, up = EARTH_RATE * np.cos(nav[0]), EARTH_RATE * np.sin(nav[0])
-    x, y = -vN / along, vE / across
-    z = y * tan
+    x, y = -nav[4] / along, nav[3] / across
     C = np.empty((3, 3))
-    _middle_attitude(nav, (x, y + north, z + up), w, dt, C)
+    _middle_attitude(nav, (x, y + north, y * tan + up), w, dt, C)
+    v = _middle_velocity(nav, f, C, dt)
+    x, y = -v[1] / along, v[0] / across
+    z = y * tan
 
-    F[0, 0], F[0, 1], F[0, 2] = vU / across + x * tan, vE * tan / along, -y
-    F[1, 1], F[1, 2] = vU / along, x
+    F[0, 0], F[0, 1], F[0, 2] = v[2] / across + x * tan, v[0] * tan / along, -y
+    F[1, 1], F[1, 2] = v[2] / along, x
     for i in range(3):
         F[i, 3 + i] = 1.0
     # Gravity, and v x (2 w_ie + w_en) by velocity itself.
@@ -76,11 +77,11 @@ def dynamics(nav: Array, f: Array, w: Array, dt: float, F: Array) -> None:
     F[5, 3], F[5, 4] = 2.0 * north + y, -x
     # Both frame rates by position and velocity: what they do to velocity and attitude.
     bend = y * (1.0 + tan * tan) / along
-    _rate_column(F, C, 1, nav, (0.0, -up / along, north / along), (0.0, 0.0, bend))
+    _rate_column(F, C, 1, v, (0.0, -up / along, north / along), (0.0, 0.0, bend))
     none = (0.0, 0.0, 0.0)
-    _rate_column(F, C, 2, nav, none, (-x / along, -y / across, -z / across))
-    _rate_column(F, C, 3, nav, none, (0.0, 1.0 / across, tan / across))
-    _rate_column(F, C, 4, nav, none, (-1.0 / along, 0.0, 0.0))
+    _rate_column(F, C, 2, v, none, (-x / along, -y / across, -z / across))
+    _rate_column(F, C, 3, v, none, (0.0, 1.0 / across, tan / across))
+    _rate_column(F, C, 4, v, none, (-1.0 / along, 0.0, 0.0))
     for i in range(3):
         F[3 + i, 6] = C[i, 2] * f[1] - C[i, 1] * f[2]
         F[3 + i, 7] = C[i, 0] * f[2] - C[i, 2] * f[0]
@@ -103,13 +104,24 @@ def _middle_attitude(nav: Array, turn: quat.Vector, w: Array, dt: float, C: Arra
 
 
 @numba.njit(cache=True)
+def _middle_velocity(nav: Array, f: Array, C: Array, dt: float) -> quat.Vector:
+    """Return the velocity half a step on [m/s]."""
+    h = 0.5 * dt
+    return (
+        nav[3] + h * (C[0, 0] * f[0] + C[0, 1] * f[1] + C[0, 2] * f[2]),
+        nav[4] + h * (C[1, 0] * f[0] + C[1, 1] * f[1] + C[1, 2] * f[2]),
+        nav[5] + h * (C[2, 0] * f[0] + C[2, 1] * f[1] + C[2, 2] * f[2] - gravity(nav[0], nav[2])),
+    )
+
+
+@numba.njit(cache=True)
 def _rate_column(
-    F: Array, C: Array, column: int, nav: Array, earth: quat.Vector, transport: quat.Vector
+    F: Array, C: Array, column: int, v: quat.Vector, earth: quat.Vector, transport: quat.Vector
 ) -> None:
     """Add what a change of the Earth's and the transport rate by one error does to ``F``."""
     a = (earth[0] + transport[0], earth[1] + transport[1], earth[2] + transport[2])
     b = (earth[0] + a[0], earth[1] + a[1], earth[2] + a[2])
-    c = quat.cross((nav[3], nav[4], nav[5]), b)
+    c = quat.cross(v, b)
     for i in range(3):
         F[3 + i, column] += c[i]
         F[6 + i, column] -= C[0, i] * a[0] + C[1, i] * a[1] + C[2, i] * a[2]
