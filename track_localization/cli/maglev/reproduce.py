@@ -1,0 +1,133 @@
+"""``reproduce maglev``: the paper's figures beside ours, and the acceptance table."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from maglev_localization.methods import METHODS
+from track_localization.cli import goals
+from track_localization.cli.common import guarded, names_among, seed_range
+from track_localization.cli.maglev import reproduce_goals, reproduce_tables
+from track_localization.cli.maglev.reproduce_runs import (
+    CASES,
+    FLOORS,
+    KEEPER,
+    LINE,
+    MISSED,
+    PAPER,
+    Run,
+    Task,
+    code_fingerprint,
+)
+from track_localization.evaluation import provenance
+from track_localization.evaluation.tabulate import Table
+
+EXAM_SEEDS, PAPER_SEEDS = range(1000, 1050), range(1000, 1200)
+"""Seeds that nothing was tuned on."""
+FAULT_SEEDS = 20
+"""How many of them see the scenarios with faults."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Parse arguments, run, print the tables; return the exit code."""
+    args = make_parser().parse_args(argv)
+    return guarded(lambda: run(args))
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='reproduce maglev',
+        description="Simulate runs, run every method, print the paper's figures beside ours and "
+        'whether the goals are met. Runs are kept: a second time prints from them.',
+    )
+    parser.add_argument(
+        '--seeds',
+        type=seed_range,
+        default=EXAM_SEEDS,
+        metavar='A:B',
+        help=f'1000:1050; scenarios with faults: the first {FAULT_SEEDS} of them',
+    )
+    parser.add_argument(
+        '--paper-seeds',
+        type=seed_range,
+        default=PAPER_SEEDS,
+        metavar='A:B',
+        help="of the paper's scenarios (1000:1200)",
+    )
+    parser.add_argument(
+        '--scenarios',
+        type=names_among(tuple(CASES)),
+        default=tuple(CASES),
+        metavar='A,B',
+        help=f'some of {", ".join(CASES)}',
+    )
+    parser.add_argument(
+        '--methods', type=names_among(METHODS), default=METHODS, metavar='A,B',
+        help=f'some of {", ".join(METHODS)}',
+    )  # fmt: skip
+    parser.add_argument('--jobs', type=int, default=2, help='worker processes (2)')
+    parser.add_argument(
+        '--reprint', action='store_true', help='print from the runs kept, whatever code made them'
+    )
+    parser.add_argument('--output', type=Path, default=Path('reproduce', 'maglev'), metavar='DIR')
+    return parser
+
+
+def run(args: argparse.Namespace) -> None:
+    """Run or read the runs, then print and write the tables."""
+    code = code_fingerprint()
+    runs = KEEPER.gather(make_tasks(args), args.output / 'runs', args.jobs, args.reprint, code)
+    publish(args, runs, code)
+
+
+def make_tasks(args: argparse.Namespace) -> list[Task]:
+    """Return the runs to make, the long ones first."""
+    tasks = []
+    for name in args.scenarios:
+        case = CASES[name]
+        entries = tuple(
+            n for n, e in case.entries.items() if e.method in args.methods or e.method in FLOORS
+        )
+        seeds = args.seeds if name == LINE else args.seeds[:FAULT_SEEDS]
+        if name in (PAPER, MISSED):
+            seeds = args.paper_seeds
+        if any(case.entries[n].method in args.methods for n in entries):
+            tasks += [Task(name, seed, entries) for seed in seeds]
+    return tasks
+
+
+def publish(args: argparse.Namespace, runs: Sequence[Run], code: str) -> None:
+    """Print the tables; write them as Markdown and CSV."""
+    exam = reproduce_tables.exam_of(runs)
+    tables = {
+        'optimum': reproduce_tables.optimum_table(exam),
+        'missed': reproduce_tables.missed_table(exam),
+        'line': reproduce_tables.line_table(exam),
+        'faults': reproduce_tables.faults_table(exam),
+        'dead': reproduce_tables.dead_table(exam),
+    }
+    shown: dict[str, Table] = {name: table for name, table in tables.items() if table.rows}
+    shown['goals'] = goals.table(reproduce_goals.goals(exam))
+    said = [
+        f'reproduce maglev --seeds {args.seeds.start}:{args.seeds.stop} '
+        f'--paper-seeds {args.paper_seeds.start}:{args.paper_seeds.stop} '
+        f'--scenarios {",".join(args.scenarios)} --methods {",".join(args.methods)}.',
+        *_runs_note(runs),
+        f'Run times with {args.jobs} jobs on {provenance.machine()["processors"]} processors.',
+        f'Commit {provenance.commit()}, code {code}.',
+    ]
+    goals.show(args.output, shown, said)
+
+
+def _runs_note(runs: Sequence[Run]) -> list[str]:
+    """Return sentences on what was run and what failed."""
+    failed = [run for run in runs if 'failed' in run.about]
+    told = [f'failed: {run.case} seed {run.seed}: {run.about["failed"]}' for run in failed]
+    return [f'{len(runs)} runs, {len(failed)} failed.', *told]
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
