@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from maglev_localization.line_kernels import SIZE, A, B, C, K, Noise, V, fuse, jump, predict
+from maglev_localization.line_kernels import SIZE, A, B, C, K, Noise, V, fuse, predict, recount
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -160,11 +160,11 @@ def federate(x: Array, P: Array) -> None:
 
 
 @njit(cache=True)
-def shift(x: Array, P: Array, size: float, variance: float) -> None:
-    """Let the counter jump in every hypothesis: by ``size`` [m], known to ``variance`` [m^2]."""
+def begin_count(x: Array, P: Array, position: float, variance: float) -> None:
+    """Let the counter begin anew in every hypothesis, federated: see ``recount``."""
     for i in range(len(x)):
         for local in range(2):
-            jump(x[i, local], P[i, local], size, variance / SHARE)
+            recount(x[i, local], P[i, local], position, variance / SHARE)
 
 
 @njit(cache=True)

@@ -14,7 +14,20 @@ from numba import njit
 from numpy.typing import NDArray
 
 from maglev_localization.bank import LEAST, SHARE, choose, merge
-from maglev_localization.line_kernels import SIZE, A, B, C, K, V, correct, jump, project
+from maglev_localization.line_kernels import (
+    SIZE,
+    A,
+    B,
+    C,
+    K,
+    V,
+    correct,
+    correct_fully,
+    jump,
+    project,
+    recount,
+    relocate,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,6 +43,8 @@ BURST, GLITCH = 60, 6000
 """Crossings that a burst may cost, and a glitch of the counter."""
 JUMP_SIGMA_M = 60.0
 """Of a jump of the counter; a greater one has its own size for a sigma."""
+AFTER_JUMP_M = 1.0
+"""How well the radar's filter knows the count after such a jump: far worse than the loop's."""
 NOTHING, RANGE_M, RANGE_MPS = 1e-6, 200.0, 20.0
 """Share of loop readings that mean nothing; how far such readings of loop and radar may be off."""
 GATE = 81.0
@@ -146,18 +161,20 @@ def hear_loop(
         what, j = kind[kept[i]], steps[kept[i]]
         if what == SHIFT and -SINGLES <= j < 0:
             singles -= math.exp(new_w[i]) * j
-        variance = 0.0
-        if what == UNKNOWN:
-            variance = max(JUMP_SIGMA_M, abs(reading - new_x[i, 0, C])) ** 2 / SHARE
-        if what in (SHIFT, UNKNOWN):
+        if what == SHIFT:
             for local in range(2):
-                jump(new_x[i, local], new_P[i, local], j * pitch, variance)
+                jump(new_x[i, local], j * pitch)
         nu = reading - new_x[i, 0, C]
         S = project(new_P[i, 0], H, PH) + R
+        if what == UNKNOWN:
+            S += max(JUMP_SIGMA_M, abs(nu)) ** 2
+            # The radar's filter is told the size; what it knows of the count weighs nothing.
+            recount(new_x[i, 1], new_P[i, 1], new_x[i, 1, C] + nu, AFTER_JUMP_M**2 / SHARE)
+            recount(new_x[i, 0], new_P[i, 0], reading, R)
+        elif what != IGNORED:
+            correct(new_x[i, 0], new_P[i, 0], PH, S, nu)
         if i == 0:
             first = nu * nu / S
-        if what != IGNORED:
-            correct(new_x[i, 0], new_P[i, 0], PH, S, nu)
     says = kind[kept[0]]
     new_w, new_x, new_P = merge(new_w, new_x, new_P, 0.4 * pitch)
     return new_w, new_x, new_P, first, says, singles
@@ -331,13 +348,15 @@ def hear_balise(
         if what == IGNORED:
             continue
         for local in range(2):
-            if what == MOVED:
-                new_P[i, local, B, B] += length * length / SHARE
             nu = chainage[j] - new_x[i, local, C] + new_x[i, local, B]
-            S = project(new_P[i, local], H, PH) + R[j] / SHARE
+            S = SHARE * project(new_P[i, local], H, PH) + R[j]
+            if what == MOVED:
+                S += length * length
+                relocate(new_x[i, local], new_P[i, local], chainage[j], R[j] / SHARE)
+            else:
+                correct_fully(new_x[i, local], new_P[i, local], H, R[j] / SHARE, nu)
             if i == 0 and local == 0:
-                first = nu * nu / (S * SHARE)
-            correct(new_x[i, local], new_P[i, local], PH, S, nu)
+                first = nu * nu / S
     return new_w, new_x, new_P, first, kind[kept[0]]
 
 

@@ -22,9 +22,10 @@ from maglev_localization.line_kernels import (
     S,
     V,
     correct,
-    jump,
+    correct_fully,
     predict,
     project,
+    recount,
 )
 from maglev_localization.measurements import BalisePassing, LoopPosition, Measurement, RadarSpeed
 from track_localization.track.balise_table import BaliseTable
@@ -116,7 +117,7 @@ class KalmanFilter:
         if crossing is None:
             return state
         if first:
-            jump(x, P, crossing.position - x[C], crossing.variance)
+            recount(x, P, crossing.position, crossing.variance)
             return state
         bounded = P[C, C] < 1.5 * crossing.variance and abs(crossing.position - x[C]) < pitch
         if not crossing.moved and bounded:
@@ -130,7 +131,7 @@ class KalmanFilter:
         if nis > GATE:
             if state.refused + 1 < JUMP_AFTER:
                 return state._replace(refused=state.refused + 1, reason='gate', nis=nis)
-            jump(x, P, nu, crossing.variance + 0.01)
+            recount(x, P, crossing.position, crossing.variance + 0.01)
             return state._replace(refused=0, reason='gate', nis=nis)
         correct(x, P, P[:, C].copy(), variance, nu)
         return state._replace(refused=0, nis=nis)
@@ -179,5 +180,5 @@ class KalmanFilter:
             return state._replace(reason='gate' if reason == 'wrong_id' else reason)
         R = table.sigma[told] ** 2 + z.variance + (x[V] * self._config.balise.jitter_s) ** 2
         nu = float(ahead[told])
-        correct(x, P, PH, spread + R, nu)
+        correct_fully(x, P, H, R, nu)
         return state._replace(reason=reason, nis=nu * nu / (spread + R))

@@ -110,14 +110,60 @@ def correct(x: Array, P: Array, PH: Array, variance: float, nu: float) -> None:
 
 
 @njit(cache=True)
-def jump(x: Array, P: Array, size: float, variance: float) -> None:
-    """Let the counter jump by ``size`` [m], known to ``variance`` [m^2]; the train does not."""
+def correct_fully(x: Array, P: Array, H: Array, R: float, nu: float) -> None:
+    """
+    Apply a scalar measurement of variance ``R`` in place, in Joseph's form.
+
+    It costs more than ``correct``, and keeps P positive where it is vast against ``R``.
+    """
+    PH = np.empty(SIZE)
+    S = project(P, H, PH) + R
+    K = PH / S
+    x += K * nu
+    A = np.eye(SIZE) - np.outer(K, H)
+    AP = A @ P
+    for i in range(SIZE):
+        for j in range(i, SIZE):
+            P[i, j] = R * K[i] * K[j]
+            for m in range(SIZE):
+                P[i, j] += AP[i, m] * A[j, m]
+            P[j, i] = P[i, j]
+
+
+@njit(cache=True)
+def jump(x: Array, size: float) -> None:
+    """Let the counter jump by ``size`` [m] in place; the train does not."""
     x[C] += size
     x[B] += size
-    P[C, C] += variance
-    P[B, B] += variance
-    P[C, B] += variance
-    P[B, C] += variance
+
+
+@njit(cache=True)
+def recount(x: Array, P: Array, position: float, variance: float) -> None:
+    """
+    Let the counter begin anew in place: it reads ``position`` [m], known to ``variance`` [m^2].
+
+    What it counted before is not to be compared with that, so the train stays where it was.
+    """
+    x[B] += position - x[C]
+    x[C] = position
+    spread = P[C, C] + P[B, B] - 2.0 * P[C, B]
+    for j in range(SIZE):
+        P[B, j] -= P[C, j]
+        P[j, B] = P[B, j]
+    for j in range(SIZE):
+        P[C, j] = P[j, C] = 0.0
+    P[C, C] = P[C, B] = P[B, C] = variance
+    P[B, B] = spread + variance
+
+
+@njit(cache=True)
+def relocate(x: Array, P: Array, chainage: float, variance: float) -> None:
+    """Put the train at ``chainage`` [m], to ``variance`` [m^2], in place; the counter goes on."""
+    x[B] = x[C] - chainage
+    for j in range(SIZE):
+        P[B, j] = P[C, j]
+        P[j, B] = P[C, j]
+    P[B, B] = P[C, C] + variance
 
 
 @njit(cache=True)

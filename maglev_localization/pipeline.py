@@ -9,8 +9,8 @@ from maglev_localization.estimate import Estimate
 from maglev_localization.health import ISOLATED, SILENT
 from maglev_localization.in_order import InOrderCore
 from maglev_localization.measurements import Measurement, sensor_of
-from maglev_localization.replaying import ReplayingCore
 from maglev_localization.plausible import problem
+from maglev_localization.replaying import ReplayingCore
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.stamps import Stamps
 from track_localization.track.balise_table import BaliseTable

@@ -110,13 +110,16 @@ class RobustFilter:
 
     def _loop(self, state: Bank, z: LoopPosition, uniform: float) -> Bank:
         loop = self._config.loop
-        x, P = state.x.copy(), state.P.copy()
-        bank.predict_local(x, P, 0, z.time_s - state.loop_s, self._noise)
         first = math.isnan(state.memory.reading)
+        x, P = state.x.copy(), state.P.copy()
+        if first:
+            state = self._federate(state._replace(x=x, P=P), z.time_s)
+            x, P = state.x, state.P
+        bank.predict_local(x, P, 0, z.time_s - state.loop_s, self._noise)
         memory, crossing = counting.hear(state.memory, z, float(x[0, 0, V]), loop)
         log_w, says, nis, share = state.log_w, hearing.PLAIN, math.nan, state.missed_share
         if crossing is not None and first:
-            bank.shift(x, P, crossing.position - x[0, 0, C], crossing.variance)
+            bank.begin_count(x, P, crossing.position, crossing.variance)
         elif crossing is not None and (
             crossing.moved or not hearing.bounded(x, P, crossing.position, crossing.variance)
         ):
