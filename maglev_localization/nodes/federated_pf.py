@@ -19,6 +19,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStam
 from nav_msgs.msg import Odometry
 
 from maglev_localization.estimate import Estimate
+from maglev_localization.inputs import warm_up_measurements
 from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
 from maglev_localization.nodes import inputs
 from maglev_localization.pipeline import MaglevPipeline
@@ -74,7 +75,7 @@ class MaglevFederatedPfNode(EstimatorNode):
 
     def _warm_up(self, trial: Any) -> None:
         """Take a filter of no further use through a short run."""
-        for measurement in inputs.warm_up_measurements(self.balises):
+        for measurement in warm_up_measurements(self.balises):
             for estimate in trial.push(measurement):
                 ahead = predicted(estimate, estimate.time_s, self.config.motion.jerk_density)
                 placed = self._placing.place(ahead)

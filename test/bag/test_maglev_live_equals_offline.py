@@ -14,10 +14,10 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 
 from maglev_localization.config import MaglevConfig
+from maglev_localization.inputs import read_line
 from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
 from maglev_localization.nodes.federated_pf import MaglevFederatedPfNode
 from maglev_localization.pipeline import MaglevPipeline
-from maglev_localization.placing import read_line
 from track_localization.io.bag_writer import BagWriter
 from track_localization.ros.convert import seconds, set_stamp
 from track_localization.ros.replay import SensorPublisherNode

@@ -12,7 +12,8 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from coaster_localization.nodes.inputs import NodeConfig
+from coaster_localization.nodes import inputs as coaster
+from maglev_localization.nodes import inputs as maglev
 from track_localization.errors import DataError
 from track_localization.ros.params import declare_config, read_file, warn_unknown
 from track_localization.settings import override, setting
@@ -131,6 +132,8 @@ def test_a_file_parameter_says_what_is_wrong(tmp_path):
 
 
 CONFIG = Path(__file__).parents[2] / 'config'
+NODES = {'coaster': coaster.NodeConfig, 'maglev': maglev.NodeConfig}
+"""Whose parameters a shipped file holds, by its name."""
 
 
 def from_file(ros, path):
@@ -151,5 +154,8 @@ def test_a_parameter_file_is_taken_with_nested_names(ros, tmp_path):
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda p: p.name)
 def test_shipped_parameter_files_name_settings_only(path):
     """Each name exists, and its value may stand there."""
+    config = NODES[path.stem]()
     content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    override(NodeConfig(), content['/**']['ros__parameters'])
+    assert content
+    for section in content.values():
+        override(config, section['ros__parameters'])

@@ -7,11 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from maglev_localization.estimate import Estimate
-from maglev_localization.placing import Placing, PlacingConfig, read_line
-from track_localization.errors import DataError
-from track_localization.track.balise_table import BaliseTable
+from maglev_localization.placing import Placing, PlacingConfig
 from track_localization.track.centreline import Centreline
-from track_localization.track.track_file import TrackFile, write_track
+from track_localization.track.track_file import TrackFile
 
 RADIUS_M = 500.0
 ARC_M = 700.0
@@ -157,22 +155,3 @@ def test_a_place_off_the_line_is_refused(bend):
 def test_without_a_track_a_place_is_its_x(straight):
     P = np.diag([2.25, 9.0, 1.0])
     assert straight.chainage(np.array([77.0, 800.0, 3.0]), P) == (77.0, 2.25)
-
-
-def balises(*chainage: float) -> BaliseTable:
-    ids = tuple(f'b{i}' for i in range(len(chainage)))
-    return BaliseTable(ids, np.array(chainage), np.full(len(chainage), 0.05))
-
-
-def test_a_line_is_read_with_its_balises(tmp_path):
-    write_track(tmp_path / 'track.csv', track())
-    line = read_line(str(tmp_path / 'track.csv'), balises(0.0, ARC_M + 1.0))
-    assert line.length == pytest.approx(ARC_M, abs=0.1)
-
-
-@pytest.mark.parametrize('stray', [-20.0, 900.0])
-def test_balises_of_another_line_are_told(tmp_path, stray):
-    write_track(tmp_path / 'track.csv', track())
-    said = rf'track\.csv: this line is 700 m long, but balise b\d lies at {stray:.0f} m; name'
-    with pytest.raises(DataError, match=said):
-        read_line(str(tmp_path / 'track.csv'), balises(100.0, stray))
