@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from track_localization.cli.common import DONE, WRONG_USAGE
 
-SYSTEMS = {'coaster': 'roller coaster', 'maglev': 'maglev train'}
+SYSTEMS = {'coaster': 'roller coaster', 'maglev': 'maglev train', 'train': 'high-speed train'}
 """Systems, each with a folder of command lines here, and what they are."""
 
 

@@ -178,11 +178,13 @@ def _wheel(
     speed, variance, info = read_odometer(draw['wheel'], e, world.motion, t, slips)
     arrival = t + draw['wheel way'].uniform(*e.latency_s, len(t))
     stamps, speed, wrong = spoil_wheel(draw['wheel faults'], config.faults, t, speed)
-    info = {**info, **wrong, 'mount': so3.log(world.mount).tolist()}
+    yaw, pitch, _ = so3.euler_zyx(world.mount)
+    mount = {'mount_yaw_deg': float(np.degrees(yaw)), 'mount_pitch_deg': float(np.degrees(pitch))}
     if config.faults.no_wheel:
         stamps, arrival, speed, variance = (np.zeros(0) for _ in range(4))
     start = config.clock.start_s
-    return WheelStream(start + stamps, start + arrival, speed, variance), info
+    stream = WheelStream(start + stamps, start + arrival, speed, variance)
+    return stream, {**info, **wrong, **mount}
 
 
 def _track(
