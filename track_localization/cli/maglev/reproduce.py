@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from maglev_localization.methods import METHODS
 from track_localization.cli import goals
 from track_localization.cli.common import guarded, names_among, seed_range
-from track_localization.cli.maglev import reproduce_goals, reproduce_tables
+from track_localization.cli.maglev import reproduce_goals, reproduce_paper, reproduce_tables
 from track_localization.cli.maglev.reproduce_runs import (
     CASES,
     FLOORS,
@@ -24,7 +24,7 @@ from track_localization.cli.maglev.reproduce_runs import (
 from track_localization.evaluation import provenance
 from track_localization.evaluation.tabulate import Table
 
-EXAM_SEEDS, PAPER_SEEDS = range(1000, 1050), range(1000, 1200)
+EXAM_SEEDS = range(1000, 1050)
 """Seeds that nothing was tuned on."""
 FAULT_SEEDS = 20
 """How many of them see the scenarios with faults."""
@@ -50,13 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar='A:B',
         help=f'1000:1050; scenarios with faults: the first {FAULT_SEEDS} of them',
     )
-    parser.add_argument(
-        '--paper-seeds',
-        type=seed_range,
-        default=PAPER_SEEDS,
-        metavar='A:B',
-        help="of the paper's scenarios (1000:1200)",
-    )
+    reproduce_paper.add_arguments(parser)
     parser.add_argument(
         '--scenarios',
         type=names_among(tuple(CASES)),
@@ -80,7 +74,15 @@ def run(args: argparse.Namespace) -> None:
     """Run or read the runs, then print and write the tables."""
     code = code_fingerprint()
     runs = KEEPER.gather(make_tasks(args), args.output / 'runs', args.jobs, args.reprint, code)
-    publish(args, runs, code)
+    papers = papers_tables(args) if {PAPER, MISSED} & set(args.scenarios) else {}
+    publish(args, papers, runs, code)
+
+
+def papers_tables(args: argparse.Namespace) -> dict[str, Table]:
+    """Return the paper's claims beside ours, and draw its figures."""
+    names = ('claims', 'particles')
+    tables = reproduce_paper.paper_tables(args.paper_seeds, args.jobs, args.output, args.reprint)
+    return dict(zip(names, tables, strict=True))
 
 
 def make_tasks(args: argparse.Namespace) -> list[Task]:
@@ -99,7 +101,9 @@ def make_tasks(args: argparse.Namespace) -> list[Task]:
     return tasks
 
 
-def publish(args: argparse.Namespace, runs: Sequence[Run], code: str) -> None:
+def publish(
+    args: argparse.Namespace, papers: Mapping[str, Table], runs: Sequence[Run], code: str
+) -> None:
     """Print the tables; write them as Markdown and CSV."""
     exam = reproduce_tables.exam_of(runs)
     tables = {
@@ -109,7 +113,7 @@ def publish(args: argparse.Namespace, runs: Sequence[Run], code: str) -> None:
         'faults': reproduce_tables.faults_table(exam),
         'dead': reproduce_tables.dead_table(exam),
     }
-    shown: dict[str, Table] = {name: table for name, table in tables.items() if table.rows}
+    shown = dict(papers) | {name: table for name, table in tables.items() if table.rows}
     shown['goals'] = goals.table(reproduce_goals.goals(exam))
     said = [
         f'reproduce maglev --seeds {args.seeds.start}:{args.seeds.stop} '

@@ -96,13 +96,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def paper_tables(seeds: range, jobs: int, output: Path) -> list[Table]:
+def paper_tables(seeds: range, jobs: int, output: Path, reprint: bool = False) -> list[Table]:
     """
     Return the paper's claims beside ours, and what number of particles and feedback do.
 
-    Draws ``fig2.png`` to ``fig6.png`` in ``output`` and keeps the runs' figures below it.
+    Draws ``fig2.png`` to ``fig6.png`` in ``output`` and keeps the runs' figures below it; with
+    ``reprint`` those kept serve, whatever code made them.
     """
-    results = KEEPER.gather(list(seeds), output / 'paper_runs', jobs, False, code_fingerprint())
+    results = KEEPER.gather(list(seeds), output / 'paper_runs', jobs, reprint, code_fingerprint())
     results.sort(key=lambda result: result.seed)
     draw(seeds[0], output)
     return [claims_table(results), particles_table(results)]

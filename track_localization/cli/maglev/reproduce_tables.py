@@ -73,7 +73,7 @@ class Runs:
     def times_real_time(self, entry: str) -> float:
         """Return how much faster than the train it was by processor time, median over runs."""
         times = [
-            float(run.about['duration_s']) / float(run.entries[entry]['runtime_s'])
+            float(run.about['duration_s']) / float(run.entries[entry]['cpu_s'])
             for run in self.all
             if entry in run.entries
         ]
