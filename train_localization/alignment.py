@@ -25,6 +25,10 @@ YAW_LEAST_DEG = 0.3
 FIX_WHITE_M = 0.5
 LONGEST_S = 10.0
 """A course is told by fixes no further apart [s]."""
+FEW = 3
+"""Fixes that make a course."""
+AGREE_M, AGREE_MPS = 3.0, 2.0
+"""Fixes that tell a course agree so well with a straight way at constant speed."""
 SPEED_SIGMA_MPS, CLIMB_SIGMA_MPS = 0.5, 1.0
 
 
@@ -49,6 +53,35 @@ class Start(NamedTuple):
     covariance: Array
     gyro_bias: Array
     rested: bool
+
+
+def start_at(
+    time_s: float,
+    geodetic: Array,
+    R_nb: Array,
+    covariance: Array,
+    speed: float,
+    speed_sigma: float,
+) -> Start:
+    """
+    Return the start of a train at a known place and attitude.
+
+    Args:
+        time_s: stamp [s].
+        geodetic: (3,) latitude, longitude [rad], height [m].
+        R_nb: (3, 3) body to east, north, up.
+        covariance: (6, 6) of position and of the rotation about east, north, up.
+        speed: along the body's x axis [m/s].
+        speed_sigma: of it [m/s].
+    """
+    P, v = np.zeros((9, 9)), np.array([speed, 0.0, 0.0])
+    turned = R_nb.T @ covariance[3:, 3:] @ R_nb
+    P[:3, :3], P[6:, 6:] = covariance[:3, :3], turned
+    to_v = -R_nb @ so3.hat(v)
+    P[3:6, 3:6] = to_v @ turned @ to_v.T + np.eye(3) * speed_sigma**2
+    P[3:6, 6:], P[6:, 3:6] = to_v @ turned, turned @ to_v.T
+    quaternion = so3.quat_from_matrix(R_nb)
+    return Start(time_s, geodetic, R_nb @ v, quaternion, P, np.zeros(3), False)
 
 
 class Alignment:
@@ -91,6 +124,8 @@ class Alignment:
         self._fixes.append((fix, self._yaw))
         while self._fixes[0][0].time_s < fix.time_s - LONGEST_S:
             self._fixes.popleft()
+        while len(self._fixes) > FEW and self._far(self._fixes[-FEW][0], fix):
+            self._fixes.popleft()
         if len(self._samples) < 3 or self._samples[-1].time_s < fix.time_s - 1.0:
             return
         first = self._fixes[0][0]
@@ -98,9 +133,28 @@ class Alignment:
         places = np.array([[f.latitude, f.longitude, f.height] for f, _ in self._fixes])
         way = enu_from_geodetic(places[:, 0], places[:, 1], places[:, 2], datum)
         distance = float(np.hypot(*way[-1, :2]))
-        if distance < self._config.course_m or fix.time_s - first.time_s < 0.5:
+        if distance < self._config.course_m or len(way) < 3 or not self._smooth(way):
             return
         self.start = self._make(fix, way, distance)
+
+    def _far(self, one: GnssFix, other: GnssFix) -> bool:
+        """Whether two fixes are far enough from each other to tell a course."""
+        datum = Datum(one.latitude, one.longitude, one.height)
+        way = enu_from_geodetic(other.latitude, other.longitude, other.height, datum)[0]
+        return bool(np.hypot(*way[:2]) > self._config.course_m)
+
+    def _smooth(self, way: Array) -> bool:
+        """Whether the last three fixes agree with one another and with the odometer."""
+        times = np.array([f.time_s for f, _ in self._fixes])[-3:]
+        share = (times[1] - times[0]) / (times[2] - times[0])
+        between = way[-3] + share * (way[-1] - way[-3])
+        claimed = math.sqrt(float(np.trace(self._fixes[-1][0].covariance[:2, :2])))
+        if np.hypot(*(way[-2] - between)[:2]) > AGREE_M + claimed:
+            return False
+        if self._speed is None or abs(times[2] - self._speed.time_s) > 1.5:
+            return True
+        told = float(np.hypot(*(way[-1] - way[-3])[:2])) / (times[2] - times[0])
+        return abs(told - self._speed.speed) < AGREE_MPS + claimed / (times[2] - times[0])
 
     def _rest(self, sample: ImuSample) -> None:
         """Learn the gyros' biases while the train stands."""

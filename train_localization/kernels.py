@@ -163,6 +163,17 @@ def apart(nav: Array, latitude: float, longitude: float, height: float) -> Array
 
 
 @njit(cache=True)
+def moved(geodetic: Array, way: Array) -> Array:
+    """Return latitude, longitude [rad], height [m] (3,) a way (3,) east, north, up further."""
+    meridian, normal = curvature_radii(geodetic[0])
+    out = np.empty(3)
+    out[0] = geodetic[0] + way[1] / (meridian + geodetic[2])
+    out[1] = geodetic[1] + way[0] / ((normal + geodetic[2]) * math.cos(geodetic[0]))
+    out[2] = geodetic[2] + way[2]
+    return out
+
+
+@njit(cache=True)
 def fix(
     nav: Array, aux: Array, P: Array, ahead: Array, R: Array, axes: int, huber: float, gate: float
 ) -> float:

@@ -18,7 +18,7 @@ from track_localization.estimation.stamps import Stamps
 from track_localization.geodesy import Datum
 from track_localization.track.centreline import Centreline
 from train_localization import kernels
-from train_localization.alignment import Alignment, Start
+from train_localization.alignment import Alignment, Start, start_at
 from train_localization.config import TrainConfig
 from train_localization.estimate import Estimate
 from train_localization.gathering import Gathering
@@ -40,6 +40,9 @@ from train_localization.robust_filter import LOST_AFTER_S, Fix, Fused, RobustFil
 Array = NDArray[np.float64]
 
 ALIGNING = 'aligning'
+START_WITHIN_S, START_SHARE, START_SIGMA_MPS = 2.0, 0.05, 0.5
+"""A given pose waits so long for an odometer speed [s]; of the way until then so much is unsure;
+of that speed [m/s]."""
 SILENT_S = 1.5
 """A sensor not heard for so long is missing [s]."""
 
@@ -80,7 +83,7 @@ class TrainPipeline:
         self._align()
         self._nis: dict[str, float] = {}
         self._heard_s: dict[str, float] = {}
-        self._given: Start | None = None
+        self._given: tuple[float, Array, Array, Array] | None = None
         self._chainage = math.nan
         self._late = 0
         self.mode = ALIGNING
@@ -103,10 +106,28 @@ class TrainPipeline:
         """Origin of ``map``; None before the first fix."""
         return None if self._placing is None else self._placing.datum
 
-    def set_start(self, start: Start) -> None:
-        """Start from a known place and attitude at the next IMU sample after it."""
+    def set_start(
+        self, time_s: float, position: Array, quaternion: Array, covariance: Array
+    ) -> str | None:
+        """
+        Start from a known pose in ``map``; the odometer tells the speed.
+
+        Args:
+            time_s: when the train was there [s].
+            position: (3,) [m].
+            quaternion: (4,) body to ``map``.
+            covariance: (6, 6) of position and of the rotation about the axes of ``map``.
+
+        Returns:
+            Why that is impossible, or None.
+        """
+        if self._placing is None:
+            return 'no_datum'
+        if not all(np.isfinite(x).all() for x in (position, quaternion, covariance)):
+            return 'not_finite'
         self._align()
-        self._given = start
+        self._given = (time_s, self._placing.geodetic(position), quaternion, covariance)
+        return None
 
     def push(self, measurement: Measurement) -> list[Estimate]:
         """Take a measurement; return the estimates that it makes possible."""
@@ -173,14 +194,34 @@ class TrainPipeline:
         else:
             self._alignment.wheel(heard)
         start = self._alignment.start
-        if self._given is not None and heard.time_s >= self._given.time_s:
-            start, self._given = self._given, None
+        if self._given is not None:
+            start = self._given_start(heard)
         if start is None or self._placing is None:
             return []
         self._filter = self._make_filter()
         state = self._filter.start(start)
         self._history = History(self._filter.apply, state, start.time_s, self._config.horizon_s)
         return []
+
+    def _given_start(self, heard: Stretch | Fix | WheelSpeed) -> Start | None:
+        """Return the start that was given, as soon as the odometer tells the speed."""
+        assert self._given is not None
+        assert self._placing is not None
+        time_s, geodetic, quaternion, covariance = self._given
+        late = heard.time_s - time_s > START_WITHIN_S
+        if not isinstance(heard, WheelSpeed):
+            if late:
+                self._given = None
+            return None
+        if abs(heard.time_s - time_s) > START_WITHIN_S:
+            return None
+        self._given = None
+        nav = np.concatenate([geodetic, np.zeros(3), quaternion])
+        R_nb = self._placing.rotation(nav).T @ so3.matrix_from_quat(quaternion)
+        way = R_nb[:, 0] * heard.speed * (heard.time_s - time_s)
+        covariance = covariance + np.diag([*(np.abs(way) * START_SHARE) ** 2, 0.0, 0.0, 0.0])
+        moved = kernels.moved(geodetic, way)
+        return start_at(heard.time_s, moved, R_nb, covariance, heard.speed, START_SIGMA_MPS)
 
     def _make_filter(self) -> Any:
         method, placing = self._config.method, self._placing

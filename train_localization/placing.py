@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.geodesy import Datum, enu_from_geodetic
+from track_localization.geodesy import Datum, enu_from_geodetic, geodetic_from_enu
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,11 @@ class Placing:
     def position(self, nav: Array) -> Array:
         """Return the position (3,) of a navigation state [m]."""
         place: Array = enu_from_geodetic(nav[0], nav[1], nav[2], self.datum)[0]
+        return place
+
+    def geodetic(self, position: Array) -> Array:
+        """Return latitude, longitude [rad], height [m] (3,) of a position (3,) in ``map``."""
+        place: Array = geodetic_from_enu(position, self.datum)[0]
         return place
 
     def rotation(self, nav: Array) -> Array:
