@@ -46,7 +46,7 @@ JUMP_SIGMA_M = 60.0
 AFTER_JUMP_M = 1.0
 """How well the radar's filter knows the count after such a jump: far worse than the loop's."""
 NOTHING, RANGE_M, RANGE_MPS = 1e-6, 200.0, 20.0
-"""Share of loop readings that mean nothing; how far such readings of loop and radar may be off."""
+"""Share of loop readings that mean nothing; how far such readings of loop and radar usually go."""
 GATE = 81.0
 """A balise so many sigmas squared off is not the one."""
 DEPARTURE_MPS, DEPARTURE_MPS2, STOPPED_MPS2 = 0.5, 0.5, 0.3
@@ -92,7 +92,8 @@ def _loop_children(
         nu = reading - x[i, 0, C]
         S = P[i, 0, C, C] + R
         weight[m], parent[m], kind[m] = -missed - extra + log_normal(nu, S), i, PLAIN
-        weight[m + 1], parent[m + 1], kind[m + 1] = math.log(NOTHING / RANGE_M), i, IGNORED
+        far = max(abs(nu), RANGE_M)
+        weight[m + 1], parent[m + 1], kind[m + 1] = math.log(NOTHING / far), i, IGNORED
         begin, m = m, m + 2
         if pitch > 0.0 and math.sqrt(S) < pitch:
             nearest = round(nu / pitch)
@@ -239,14 +240,18 @@ def hear_radar(
 
 
 @njit(cache=True)
-def hear_slowness(x: Array, P: Array, least: float) -> None:
+def hear_slowness(x: Array, P: Array, least: float, outlier: float) -> bool:
     """
     Tell the radar's local filters that it reads less than it can, ``least`` [m/s], in place.
 
     Such a reading is no speed, and the next is no news: it only holds a speed that leaves its
-    bounds. A train that is braked to a stop stays there, and does not go backward.
+    bounds. A train that is braked to a stop stays there, and does not go backward. One that runs
+    does not stand because its radar lost the ground: where that is likelier, ``outlier`` being the
+    share of readings that mean nothing, it is ignored. Return whether the first hypothesis does.
     """
     PH, H = np.empty(SIZE), np.zeros(SIZE)
+    plain, nothing = math.log(1.0 - outlier), math.log(outlier / RANGE_MPS + NEVER)
+    ignored = False
     for i in range(len(x)):
         v = x[i, 1, V]
         if 0.0 <= v <= least:
@@ -254,11 +259,15 @@ def hear_slowness(x: Array, P: Array, least: float) -> None:
         level, sigma = (0.5 * least, 0.5 * least) if v > least else (0.0, BACKWARD_MPS)
         H[V], H[A] = 1.0, 0.0
         S = project(P[i, 1], H, PH) + sigma * sigma
+        if plain + log_normal(level - v, S) < nothing:
+            ignored = ignored or i == 0
+            continue
         correct(x[i, 1], P[i, 1], PH, S, level - v)
         if v < 0.0:
             H[V], H[A] = 0.0, 1.0
             S = project(P[i, 1], H, PH) + STOPPED_MPS2**2
             correct(x[i, 1], P[i, 1], PH, S, -x[i, 1, A])
+    return ignored
 
 
 @njit(cache=True)
@@ -379,9 +388,15 @@ def bounded(x: Array, P: Array, position: float, variance: float) -> bool:
 
 @njit(cache=True)
 def stand_still(x: Array, P: Array, speed_sigma: float, acceleration_sigma: float) -> None:
-    """Tell every hypothesis, federated, that the train stands, in place."""
+    """
+    Tell every hypothesis, federated, that the train stands, in place.
+
+    Not those that know better: a count may stand and a radar read nothing in a running train.
+    """
     PH, H = np.empty(SIZE), np.zeros(SIZE)
     for i in range(len(x)):
+        if x[i, 0, V] ** 2 > GATE * (SHARE * P[i, 0, V, V] + speed_sigma**2):
+            continue
         for local in range(2):
             for state, sigma in ((V, speed_sigma), (A, acceleration_sigma)):
                 H[V], H[A] = 0.0, 0.0

@@ -146,7 +146,11 @@ class KalmanFilter:
         elif abs(z.speed) < least:
             if x[V] < 0.0 or x[V] > least:
                 level, sigma = (0.5 * least, 0.5 * least) if x[V] > least else (0.0, 0.1)
-                correct(x, P, P[:, V].copy(), P[V, V] + sigma**2, level - x[V])
+                spread = P[V, V] + sigma**2
+                if (level - x[V]) ** 2 > GATE * spread:
+                    reason = 'gate'
+                else:
+                    correct(x, P, P[:, V].copy(), spread, level - x[V])
         else:
             H[V], H[K] = 1.0 + x[K], x[V]
             nu = z.speed - (1.0 + x[K]) * x[V]
@@ -157,7 +161,7 @@ class KalmanFilter:
             else:
                 correct(x, P, PH, spread + z.variance * max(nis / DOUBT, 1.0), nu)
         still = memory.still_sigma(time_s)
-        if still > 0.0:
+        if still > 0.0 and x[V] ** 2 <= GATE * (P[V, V] + still**2):
             for place, sigma in ((V, still), (A, STILL_SIGMA_MPS2)):
                 correct(x, P, P[:, place].copy(), P[place, place] + sigma**2, -x[place])
             memory = memory._replace(still_s=time_s)

@@ -155,7 +155,8 @@ class RobustFilter:
         if memory.frozen:
             says = hearing.IGNORED
         elif abs(z.speed) < radar.least_mps:
-            hearing.hear_slowness(x, P, radar.least_mps)
+            if hearing.hear_slowness(x, P, radar.least_mps, radar.outlier_share):
+                says = hearing.IGNORED
         else:
             log_w, x, P, nis, says = hearing.hear_radar(
                 log_w,

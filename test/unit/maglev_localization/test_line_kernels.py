@@ -101,7 +101,7 @@ def test_process_noise_is_van_loans(dt, share):
     expected[:3, :3] = jerk_noise(dt, NOISE.jerk)
     expected[np.ix_([C, B], [C, B])] += NOISE.offset * travel
     expected[S, S], expected[K, K] = NOISE.slope * travel, NOISE.scale * dt
-    assert P == pytest.approx(expected / share, rel=1e-9, abs=1e-18)
+    assert pytest.approx(expected / share, rel=1e-9, abs=1e-18) == P
 
 
 def test_two_steps_are_one(rng):
@@ -157,7 +157,7 @@ def test_a_balise_after_an_unknown_start_keeps_the_covariance_positive(line_m):
     x, P = np.zeros(SIZE), np.diag(sigma**2)
     line_kernels.correct_fully(x, P, POSITION, 1e-6, 0.4 * line_m)
     assert POSITION @ x == pytest.approx(0.4 * line_m, abs=1e-9 * line_m)
-    assert POSITION @ P @ POSITION == pytest.approx(1e-6, rel=1e-3)
+    assert pytest.approx(1e-6, rel=1e-3) == POSITION @ P @ POSITION
     assert positive(P)
 
 
@@ -168,7 +168,7 @@ def positive(P):
 
 
 def test_a_jump_moves_the_count_and_not_the_train(rng):
-    x, P = state(rng)
+    x, _ = state(rng)
     place = POSITION @ x
     before = x.copy()
     line_kernels.jump(x, 3.4)

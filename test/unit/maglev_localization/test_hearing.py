@@ -1,0 +1,356 @@
+"""What a bank makes of one reading: against scipy's densities, Bayes' rule and dense updates."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from maglev_localization import bank, hearing
+from maglev_localization.line_kernels import SIZE, A, B, C, K, S, V
+
+SHARE = 0.5
+PITCH, R_LOOP, R_RADAR = 0.2, 0.004, 0.01
+MISSED, EXTRA, BURST = 3e-4, 1e-4, 1e-3
+POSITION = np.eye(SIZE)[C] - np.eye(SIZE)[B]
+MEAN = np.array([500.0, 20.0, 0.0, -400.0, 0.0, 0.005])
+SIGMA = np.array([0.03, 0.05, 0.1, 0.1, 1e-4, 2e-3])
+
+
+def one(mean=MEAN, sigma=SIGMA, **changes):
+    """Return a bank of one hypothesis, federated; ``v=3.0`` sets a mean."""
+    names = {'c': C, 'v': V, 'a': A, 'b': B, 's': S, 'k': K}
+    mean = mean.copy()
+    for name, value in changes.items():
+        mean[names[name]] = value
+    x = np.tile(mean, (1, 2, 1))
+    P = np.tile(np.diag(np.asarray(sigma) ** 2) / SHARE, (1, 2, 1, 1))
+    return np.zeros(1), x, P
+
+
+def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED):
+    return hearing.hear_loop(*state, reading, R_LOOP, pitch, missed, EXTRA, burst, most, 0.5)
+
+
+def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4):
+    return hearing.hear_radar(*state, speed, R_RADAR, outlier, slip, 0.03, most, 0.5)
+
+
+def hear_balise(state, told, chainage, R=0.01, length=7000.0, most=100):
+    table = np.asarray(chainage, float)
+    settings = (0.05, 1e-4, 1e-3, length, most, 0.5)
+    return hearing.hear_balise(*state, table, np.full(len(table), R), told, *settings)
+
+
+def joseph(x, P, H, nu, R):
+    gain = P @ H / (H @ P @ H + R)
+    part = np.eye(SIZE) - np.outer(gain, H)
+    return x + gain * nu, part @ P @ part.T + R * np.outer(gain, gain)
+
+
+def close(P, expected, share=1e-9):
+    d = np.sqrt(np.diag(expected))
+    return bool(np.abs((P - expected) / np.outer(d, d)).max() < share)
+
+
+def test_densities_are_scipys(rng):
+    for nu, sigma in zip(rng.normal(size=20), rng.exponential(size=20), strict=True):
+        expected = stats.norm.logpdf(nu, scale=sigma)
+        assert hearing.log_normal(nu, sigma**2) == pytest.approx(expected, rel=1e-12)
+    for count in range(5):
+        for expected in (1e-6, 0.3, 4.0):
+            chance = stats.poisson.pmf(count, expected)
+            assert hearing.poisson(count, expected) == pytest.approx(chance, rel=1e-12)
+
+
+def test_a_reading_as_expected_is_a_kalman_update_of_the_loops_filter():
+    state = one()
+    log_w, x, P, nis, says, singles = hear_loop(state, 500.05)
+    mean, spread = joseph(MEAN, state[2][0, 0], np.eye(SIZE)[C], 0.05, R_LOOP)
+    heaviest = np.argmax(log_w)
+    assert says == hearing.PLAIN
+    assert x[heaviest, 0] == pytest.approx(mean, rel=1e-12)
+    assert close(P[heaviest, 0], spread)
+    assert np.array_equal(x[heaviest, 1], MEAN)
+    assert nis == pytest.approx(0.05**2 / (2.0 * 0.03**2 + R_LOOP), rel=1e-12)
+    assert singles < 0.01
+
+
+def loop_odds(nu, spread, missed=MISSED):
+    """Return the weights of crossings jumped by Bayes' rule; jump 0 with a reading that is void."""
+    nearest = round(nu / PITCH)
+    w = {
+        0: math.exp(-missed - EXTRA) * stats.norm.pdf(nu, scale=spread) + 1e-6 / max(200.0, abs(nu))
+    }
+    for j in (nearest - 1, nearest, nearest + 1):
+        if j == 0:
+            continue
+        chance = BURST / 60 if abs(j) <= 60 else BURST / 6000
+        if abs(j) <= 3:
+            chance += stats.poisson.pmf(abs(j), missed if j < 0 else EXTRA)
+        w[j] = chance * stats.norm.pdf(nu - j * PITCH, scale=spread)
+    return {j: one / sum(w.values()) for j, one in w.items()}
+
+
+@pytest.mark.parametrize('missed', [MISSED, 0.3])
+@pytest.mark.parametrize('crossings', [-1, -2, 1, -4, -17, 60, -61, 61, -4000, 2])
+def test_the_odds_of_a_miscount_are_bayes(crossings, missed):
+    """
+    A reading 1 cm from so many crossings off: every account of it has chance times density.
+
+    The filter adds 1e-12 to chances, 6e-6 of the least of these, and drops weights of a millionth.
+    """
+    state = one(sigma=[0.03, 0.05, 0.1, 0.05, 1e-4, 2e-3])
+    nu, spread = 0.01 + crossings * PITCH, math.sqrt(2.0 * 0.03**2 + R_LOOP)
+    log_w, x, _, _, _, singles = hear_loop(state, 500.0 + nu, missed=missed)
+    jumped = np.round((x[:, 0, B] - MEAN[B]) / PITCH).astype(int)
+    expected = loop_odds(nu, spread, missed)
+    for j, weight in expected.items():
+        assert np.exp(log_w[jumped == j]).sum() == pytest.approx(weight, rel=1e-5, abs=1e-5)
+    seen = sum(-j * weight for j, weight in expected.items() if -3 <= j < 0)
+    assert singles == pytest.approx(seen, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize('crossings', [-5, -29, 40, -200, -2500, 5_000_000])
+def test_a_count_that_jumps_leaves_the_train(crossings):
+    """A burst, a glitch, a dead zone, a counter that starts over: whole crossings, all of them."""
+    log_w, x, _, _, says, _ = hear_loop(one(), 500.0 + crossings * PITCH)
+    heaviest = np.argmax(log_w)
+    assert says == hearing.SHIFT
+    assert x[heaviest, :, B] == pytest.approx(MEAN[B] + crossings * PITCH, abs=1e-6)
+    assert x[heaviest, :, C] - x[heaviest, :, B] == pytest.approx(900.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('reading', [499.0, 620.0, 0.0, 9.9e6])
+def test_a_count_that_jumps_by_no_known_unit_begins_anew(reading):
+    """Without a pitch a jump has any size: the train stays, to all the digits of its variance."""
+    state = one()
+    log_w, x, P, _, says, _ = hear_loop(state, reading, pitch=0.0)
+    heaviest = np.argmax(log_w)
+    assert says == hearing.UNKNOWN
+    assert x[heaviest, 0, C] == reading
+    bank.federate(x, P)
+    assert x[heaviest, 0, C] == pytest.approx(reading, abs=1e-3)
+    assert POSITION @ x[heaviest, 0] == pytest.approx(900.0, abs=1e-6)
+    place = POSITION @ P[heaviest, 0] @ POSITION * SHARE
+    assert place == pytest.approx(0.03**2 + 0.1**2, rel=1e-3)
+    assert P[heaviest, 0, C, C] * SHARE == pytest.approx(R_LOOP, rel=0.01)
+
+
+@pytest.mark.parametrize('reading', [600.0, 9.9e6])
+def test_after_such_a_jump_both_filters_go_on(reading):
+    """The radar's filter does not stay behind: fused, both are one again after any jump."""
+    log_w, x, P, *_ = hear_loop(one(), reading, pitch=0.0)
+    x, P = x[:1], P[:1]
+    bank.federate(x, P)
+    assert (x[0, 0] == x[0, 1]).all()
+    *_, says, _ = hear_loop((log_w[:1], x, P), reading + 0.05, pitch=0.0)
+    assert says == hearing.PLAIN
+
+
+def test_speed_as_expected_is_an_extended_kalman_update_of_the_radars_filter():
+    state = one()
+    log_w, x, P, nis, says = hear_radar(state, 20.3)
+    H = np.zeros(SIZE)
+    H[V], H[K] = 1.005, 20.0
+    mean, spread = joseph(MEAN, state[2][0, 1], H, 20.3 - 20.1, R_RADAR)
+    heaviest = np.argmax(log_w)
+    assert says == hearing.PLAIN
+    assert x[heaviest, 1] == pytest.approx(mean, rel=1e-12)
+    assert close(P[heaviest, 1], spread)
+    assert np.array_equal(x[heaviest, 0], MEAN)
+    assert nis == pytest.approx(0.2**2 / (H @ state[2][0, 1] @ H + R_RADAR), rel=1e-12)
+
+
+@pytest.mark.parametrize('speed', [15.0, 25.2, -20.0, 290.0, 1.0])
+def test_a_radar_outlier_changes_nothing(speed):
+    log_w, x, P, _, says = hear_radar(one(), speed)
+    _, before, P_before = one()
+    assert says == hearing.IGNORED
+    heaviest = np.argmax(log_w)
+    assert np.array_equal(x[heaviest], before[0])
+    assert np.array_equal(P[heaviest], P_before[0])
+
+
+def test_a_slip_is_a_change_of_scale():
+    """Readings 3 % high from one to the next: within half a second the scale has gone, not v."""
+    state = one()
+    for _ in range(10):
+        log_w, x, P, _, _ = hear_radar(state, 20.0 * 1.035)
+        bank.federate(x, P)
+        state = bank.merge(log_w, x, P, 0.08)
+    heaviest = np.argmax(state[0])
+    assert state[1][heaviest, 0, K] == pytest.approx(0.035, abs=0.006)
+    assert state[1][heaviest, 0, V] == pytest.approx(20.0, abs=0.1)
+
+
+def slowness(least=0.5, outlier=0.02, **mean):
+    """Return mean and covariance of the radar's filter after a reading below ``least``."""
+    _, x, P = one(**mean)
+    ignored = hearing.hear_slowness(x, P, least, outlier)
+    return x[0, 1], P[0, 1], ignored
+
+
+@pytest.mark.parametrize('v', [0.0, 0.3, 0.5])
+def test_a_reading_below_the_least_is_no_news_to_a_slow_train(v):
+    x, P, ignored = slowness(v=v)
+    assert np.array_equal(P, one()[2][0, 1])
+    assert x[V] == v
+    assert not ignored
+
+
+def test_a_reading_below_the_least_holds_a_speed_that_leaves_its_bounds():
+    x, _, ignored = slowness(v=0.6)
+    assert 0.5 < x[V] < 0.6
+    assert not ignored
+    x, _, ignored = slowness(v=-0.2, a=-0.8)
+    assert -0.2 < x[V] < 0.0
+    assert -0.8 < x[A] < -0.6
+    assert not ignored
+
+
+@pytest.mark.parametrize('v', [3.0, 20.0, 83.0, -20.0])
+def test_a_radar_that_reads_nothing_does_not_stop_a_running_train(v):
+    """A speed known to 5 cm/s and a radar that lost the ground: nothing changes."""
+    x, P, ignored = slowness(v=v)
+    assert x[V] == v
+    assert np.array_equal(P, one()[2][0, 1])
+    assert ignored
+
+
+def test_a_speed_in_doubt_is_held_by_a_radar_that_reads_nothing():
+    """After a minute without sensors nobody knows better."""
+    _, x, P = one(sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
+    assert not hearing.hear_slowness(x, P, 0.5, 0.02)
+    assert x[0, 1, V] == pytest.approx(0.25, abs=0.05)
+
+
+def test_a_balise_as_told_corrects_the_master():
+    """Fused, both locals have the dense update of the global estimate."""
+    state = one()
+    log_w, x, P, nis, says = hear_balise(state, 1, [100.0, 900.2, 1900.0])
+    mean, spread = joseph(MEAN, SHARE * state[2][0, 0], POSITION, 0.2, 0.01)
+    heaviest = np.argmax(log_w)
+    bank.federate(x, P)
+    assert says == hearing.PLAIN
+    assert x[heaviest, 0] == pytest.approx(mean, rel=1e-9)
+    assert close(SHARE * P[heaviest, 0], spread)
+    assert nis == pytest.approx(0.2**2 / (0.03**2 + 0.1**2 + 0.01), rel=1e-9)
+
+
+@pytest.mark.parametrize('told', [0, 2, -1])
+def test_a_wrong_or_unknown_id_is_that_of_the_balise_at_hand(told):
+    log_w, x, _, _, says = hear_balise(one(), told, [100.0, 900.2, 1900.0])
+    heaviest = np.argmax(log_w)
+    assert says == hearing.NEARBY
+    assert POSITION @ x[heaviest, 0] == pytest.approx(900.1, abs=0.05)
+
+
+def test_the_odds_of_balises_are_bayes():
+    """Two balises 1 m apart, the train between them: id and distance decide."""
+    log_w, x, *_ = hear_balise(one(), 0, [899.5, 900.5, 5000.0])
+    place = x[:, 0, C] - x[:, 0, B]
+    sigma = math.sqrt(0.03**2 + 0.1**2 + 0.01)
+    expected = (
+        0.95 / (0.05 / 2.0) * stats.norm.pdf(0.5, scale=sigma) / stats.norm.pdf(0.5, scale=sigma)
+    )
+    weights = [math.exp(log_w[np.argmin(np.abs(place - p))]) for p in (899.7, 900.3)]
+    assert weights[0] / weights[1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_passing_where_no_balise_is_changes_nothing():
+    """An id that nobody knows, 100 m from any balise."""
+    log_w, x, P, _, says = hear_balise(one(), -1, [100.0, 1000.0, 1900.0])
+    assert says == hearing.IGNORED
+    assert len(log_w) == 1
+    assert np.array_equal(x, one()[1])
+    assert np.array_equal(P, one()[2])
+
+
+def test_a_balise_far_astray_may_be_right():
+    """
+    1 km from where the train is thought to be, by its own id: it moves, or the passing is nothing.
+
+    Both densities are flat over the line, so the odds are 0.001 x 0.95 to 0.0001.
+    """
+    log_w, x, P, _, says = hear_balise(one(), 2, [100.0, 1000.0, 1900.0])
+    assert says == hearing.MOVED
+    assert len(log_w) == 2
+    assert math.exp(log_w[0] - log_w[1]) == pytest.approx(9.5, rel=1e-9)
+    bank.federate(x, P)
+    assert POSITION @ x[0, 0] == pytest.approx(1900.0, abs=1e-9)
+    assert SHARE * POSITION @ P[0, 0] @ POSITION == pytest.approx(0.01, rel=1e-9)
+    assert x[0, 0, [C, V, A, S, K]] == pytest.approx(MEAN[[C, V, A, S, K]], rel=1e-12)
+
+
+def test_from_anywhere_every_balise_is_possible():
+    """The id is right in 19 of 20 passings; the other is any of the rest, wherever the train is."""
+    sigma = [0.03, 0.05, 0.1, 3500.0, 1e-4, 2e-3]
+    log_w, x, *_ = hear_balise(one(b=-3000.0, sigma=sigma), 2, np.arange(1, 7) * 1000.0)
+    w = np.exp(log_w)
+    place = x[:, 0, C] - x[:, 0, B]
+    inside = [w[np.abs(place - p) < 1.0].sum() for p in np.arange(1, 7) * 1000.0]
+    prior = stats.norm.pdf(np.arange(1, 7) * 1000.0 - 3500.0, scale=3500.0)
+    chance = np.array([0.01, 0.01, 0.95, 0.01, 0.01, 0.01])
+    expected = prior * chance
+    assert np.array(inside) / sum(inside) == pytest.approx(expected / expected.sum(), rel=1e-2)
+
+
+def test_an_empty_table_tells_nothing():
+    _, x, P, _, says = hear_balise(one(), -1, [])
+    assert says == hearing.IGNORED
+    assert np.array_equal(x, one()[1])
+    assert np.array_equal(P, one()[2])
+
+
+def test_hypotheses_are_bounded_in_number():
+    """Readings that allow several accounts each, for a thousand readings: never more than asked."""
+    rng = np.random.default_rng(3)
+    state = one(sigma=[0.1, 0.05, 0.1, 0.1, 1e-4, 2e-3])
+    for k in range(1000):
+        reading = 500.0 + 0.1 * rng.normal()
+        log_w, x, P, *_ = hearing.hear_loop(
+            *state, reading, R_LOOP, PITCH, 0.05, 0.05, 0.1, 8, rng.random()
+        )
+        assert 1 <= len(log_w) <= 8
+        assert np.exp(log_w).sum() == pytest.approx(1.0, rel=1e-9)
+        state = (log_w, x, P) if k % 50 else (log_w[:1] * 0.0, x[:1], P[:1] + one()[2])
+
+
+def test_depart_opens_count_and_speed():
+    _, x, P = one()
+    hearing.depart(x, P, 0.2)
+    added = SHARE * (P[0, 0] - one()[2][0, 0])
+    assert np.array_equal(x, one()[1])
+    assert np.diag(added)[[C, V, A]] == pytest.approx([0.04, 0.25, 0.25], rel=1e-9)
+    assert added - np.diag(np.diag(added)) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('off', 'sigma', 'inside'), [(0.05, 0.05, True), (0.15, 0.05, False), (0.05, 0.2, False)]
+)
+def test_bounded_means_that_a_standing_count_is_no_news(off, sigma, inside):
+    """Within 1.7 sigma of the middle (0.06 m), and known about as well as the count tells."""
+    _, x, P = one(sigma=[sigma, 0.05, 0.1, 0.1, 1e-4, 2e-3])
+    assert hearing.bounded(x, P, 500.0 + off, 0.2**2 / 12.0) == inside
+
+
+def test_stand_still_is_two_measurements():
+    state = one(v=0.1, a=-0.2)
+    mean, spread = state[1][0, 0], SHARE * state[2][0, 0]
+    for place, sigma in ((V, 0.05), (A, 0.2)):
+        mean, spread = joseph(mean, spread, np.eye(SIZE)[place], -mean[place], sigma**2)
+    hearing.stand_still(state[1], state[2], 0.05, 0.2)
+    for local in range(2):
+        assert state[1][0, local] == pytest.approx(mean, rel=1e-9, abs=1e-12)
+        assert close(SHARE * state[2][0, local], spread)
+
+
+def test_a_running_train_is_not_made_to_stand():
+    """A loop over a dead zone and a radar that lost the ground look like standing."""
+    _, x, P = one()
+    hearing.stand_still(x, P, 0.05, 0.2)
+    assert np.array_equal(x, one()[1])
+    assert np.array_equal(P, one()[2])
