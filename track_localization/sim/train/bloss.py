@@ -10,6 +10,9 @@ Array = NDArray[np.float64]
 STEEPEST = 1.5
 """Its greatest slope."""
 
+SHARPEST = 6.0
+"""Its greatest second derivative."""
+
 
 def value(x: Array) -> Array:
     """Return the curve (N,): 0 before x = 0, 1 after x = 1."""

@@ -61,6 +61,7 @@ class Running:
     leg_m: tuple[float, float] = setting((9e3, 13e3), 'm', 'stops: their lengths', 50.0, 1e6)
     acceleration_mps2: float = setting(0.6, 'm/s^2', 'greatest, in starting', 0.05, 5.0)
     braking_mps2: float = setting(0.7, 'm/s^2', 'greatest, in braking', 0.05, 5.0)
+    jerk_mps3: float = setting(0.3, 'm/s^3', 'stops: greatest', 0.01, 10.0)
     distance_m: float = setting(11e3, 'm', 'underway: in all', 10.0, 1e6)
     duration_s: float = setting(200.0, 's', 'underway: in all', 1.0, DAY_S)
     variation: float = setting(0.1, '', 'underway: of the speed about its mean', 0.0, 0.9)

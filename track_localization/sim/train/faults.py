@@ -20,13 +20,17 @@ OUTLIERS = 3
 """Fixes in a row that are far off."""
 
 
-def spoil_stamps(rng: Generator, config: Faults, time_s: Array, spell: int) -> Array:
-    """Return stamps (N,) with spells of so many samples that are off, either way."""
-    out = time_s.copy()
+def spoil_stamps(
+    rng: Generator, config: Faults, time_s: Array, spell: int
+) -> tuple[Array, list[float]]:
+    """Return stamps (N,) with spells of so many that are off, and when the spells begin."""
+    out, begins = time_s.copy(), []
     for _ in range(config.time_jumps if len(time_s) > 2 * spell else 0):
         first = int(rng.integers(spell, len(time_s) - spell))
+        out[first : first + spell] = time_s[first : first + spell]
         out[first : first + spell] += config.time_jump_s * rng.choice([-1.0, 1.0])
-    return out
+        begins.append(float(time_s[first]))
+    return out, begins
 
 
 def spoil_imu(
@@ -40,9 +44,10 @@ def spoil_imu(
     force[nan & of_force], rate[nan & ~of_force] = np.nan, np.nan
     begin = _begin(rng, imu.time_s, config.imu_gap_s)
     keep = ~((imu.time_s >= begin) & (imu.time_s < begin + config.imu_gap_s))
-    stamps = spoil_stamps(rng, config, imu.time_s, 30)
+    stamps, jumps = spoil_stamps(rng, config, imu.time_s, 30)
     gap = [begin, begin + config.imu_gap_s] if config.imu_gap_s > 0.0 else []
-    return ImuSeries(stamps, force, rate), keep, {'imu_gap': gap, 'imu_nan': int(nan.sum())}
+    info = {'gap_s': gap, 'nan': int(nan.sum()), 'time_jumps_s': jumps}
+    return ImuSeries(stamps, force, rate), keep, info
 
 
 def spoil_wheel(
@@ -55,7 +60,8 @@ def spoil_wheel(
     out = np.where(stuck, speed[max(int(np.argmax(stuck)) - 1, 0)], speed) if len(speed) else speed
     span = [begin, begin + config.stuck_s] if stuck.any() else []
     told = np.where(nan, np.nan, out)
-    return spoil_stamps(rng, config, time_s, 4), told, {'stuck': span, 'wheel_nan': int(nan.sum())}
+    stamps, jumps = spoil_stamps(rng, config, time_s, 4)
+    return stamps, told, {'stuck_s': span, 'nan': int(nan.sum()), 'time_jumps_s': jumps}
 
 
 def spoil_gnss(
@@ -71,9 +77,10 @@ def spoil_gnss(
         x[nan] = np.nan
         if config.stale_no_fix:
             x[:] = _stale(x, gnss.status & ~nan)
+    stamps, jumps = spoil_stamps(rng, config, gnss.time_s, 2)
     spoilt = dataclasses.replace(
         gnss,
-        time_s=spoil_stamps(rng, config, gnss.time_s, 2),
+        time_s=stamps,
         latitude=latitude,
         longitude=longitude,
         height=height,
@@ -81,7 +88,7 @@ def spoil_gnss(
         satellites=np.full(n, -1) if config.no_quality else gnss.satellites,
         hdop=np.full(n, np.nan) if config.no_hdop or config.no_quality else gnss.hdop,
     )
-    info = {'outlier': gnss.time_s[far].tolist(), 'gnss_nan': int(nan.sum())}
+    info = {'far_s': gnss.time_s[far].tolist(), 'nan': int(nan.sum()), 'time_jumps_s': jumps}
     return spoilt, info
 
 

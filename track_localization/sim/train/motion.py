@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 REST_S = 20.0
 """Standstill at the end of a run from station to station [s]."""
 
+SLOWER = 0.98
+"""Where a leg is too short for its speeds, the greatest is lessened in such steps."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
@@ -96,23 +99,25 @@ def _leg(
     config: Running, length: float, first: float, second: float, share: float
 ) -> list[tuple[float, float]]:
     """Return (span [s], speed at its end) from rest to rest, with a change of speed between."""
-    up, down = bloss.STEEPEST / config.acceleration_mps2, bloss.STEEPEST / config.braking_mps2
-    most = float(np.sqrt(0.95 * 2.0 * length / (up + down)))
-    first, second = min(first, most), min(second, most)
-    between = abs(second - first) * (up if second > first else down)
-    ramps = 0.5 * (up * first**2 + down * second**2 + between * (first + second))
-    if ramps >= length:
-        second, between = first, 0.0
-        ramps = 0.5 * (up + down) * first**2
-    cruise = length - ramps
-    parts = [
-        (up * first, first),
-        (share * cruise / first, first),
-        (between, second),
-        ((1.0 - share) * cruise / second, second),
-        (down * second, 0.0),
-    ]
-    return [part for part in parts if part[0] > 0.0]
+    speeds = np.array([0.0, first, second, 0.0])
+    while _ramps(config, speeds)[1] > length:
+        speeds = np.minimum(speeds, SLOWER * speeds.max())
+    spans, way = _ramps(config, speeds)
+    cruise = (length - way) * np.array([share, 1.0 - share]) / speeds[1:3]
+    span = np.stack([spans, [*cruise, 0.0]], axis=1).ravel().tolist()
+    then = np.repeat(speeds[1:], 2).tolist()
+    return [part for part in zip(span, then, strict=True) if part[0] > 0.0]
+
+
+def _ramps(config: Running, speeds: Array) -> tuple[Array, float]:
+    """Return how long the changes (3,) between speeds (4,) take [s], and their way [m]."""
+    change = np.diff(speeds)
+    most = np.where(change > 0.0, config.acceleration_mps2, config.braking_mps2)
+    size = np.abs(change)
+    span = np.maximum(
+        bloss.STEEPEST * size / most, np.sqrt(bloss.SHARPEST * size / config.jerk_mps3)
+    )
+    return span, float(0.5 * span @ (speeds[1:] + speeds[:-1]))
 
 
 def _joined(time: Array, speed: Array) -> Motion:
