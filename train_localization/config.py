@@ -3,22 +3,44 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from track_localization.settings import setting
 
 METHODS = ('robust', 'robust_map', 'paper', 'ins')
 
 
+BY_GRADE = 0.0
+
+GRADES = {
+    'navigation': (0.003, 0.01, 0.012, 0.06, 4e-4, 0.0016),
+    'tactical': (0.05, 0.03, 0.6, 0.35, 0.025, 0.004),
+    'industrial': (0.2, 0.06, 5.5, 1.1, 0.163, 0.008),
+    'mems': (0.5, 0.15, 51.0, 3.1, 0.82, 0.025),
+}
+"""Grades of IMUs: the settings of ``ImuConfig`` in their order."""
+
+
 @dataclasses.dataclass(frozen=True)
 class ImuConfig:
-    """What the IMU is worth; the defaults are an industrial one, 5 deg/h."""
+    """What the IMU is worth; what is 0 is as usual for its grade."""
 
-    gyro_noise: float = setting(0.2, 'deg/sqrt(h)', 'angle random walk', 1e-4, 100.0)
-    accel_noise: float = setting(0.06, 'm/s/sqrt(h)', 'velocity random walk', 1e-4, 100.0)
-    gyro_bias_sigma: float = setting(10.0, 'deg/h', 'of the gyro biases at start', 1e-4, 1e5)
-    accel_bias_sigma: float = setting(2.0, 'mg', 'of the accelerometer biases at start', 1e-4, 1e3)
-    gyro_bias_walk: float = setting(0.01, 'deg/h/sqrt(s)', 'walk of the gyro biases', 0.0, 1e4)
-    accel_bias_walk: float = setting(0.001, 'mg/sqrt(s)', 'walk of the accel. biases', 0.0, 1e3)
+    grade: str = setting('industrial', '', 'what it costs', choices=tuple(GRADES))
+    gyro_noise: float = setting(BY_GRADE, 'deg/sqrt(h)', 'angle random walk', 0.0, 100.0)
+    accel_noise: float = setting(BY_GRADE, 'm/s/sqrt(h)', 'velocity random walk', 0.0, 100.0)
+    gyro_bias_sigma: float = setting(BY_GRADE, 'deg/h', 'gyro biases at start', 0.0, 1e5)
+    accel_bias_sigma: float = setting(BY_GRADE, 'mg', 'accelerometer biases at start', 0.0, 1e3)
+    gyro_bias_walk: float = setting(BY_GRADE, 'deg/h/sqrt(s)', 'their walk', 0.0, 1e4)
+    accel_bias_walk: float = setting(BY_GRADE, 'mg/sqrt(s)', 'their walk', 0.0, 1e3)
+
+    def of_grade(self) -> ImuConfig:
+        """Return the settings with those of the grade where none is given."""
+        names = [field.name for field in dataclasses.fields(self)][1:]
+        usual: dict[str, Any] = dict(zip(names, GRADES[self.grade], strict=True))
+        given = {name: getattr(self, name) for name in names}
+        return dataclasses.replace(
+            self, **usual | {name: value for name, value in given.items() if value != BY_GRADE}
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +59,7 @@ class GnssConfig:
 
     slow_sigma_m: float = setting(0.8, 'm', 'slow horizontal error', 0.0, 100.0)
     slow_sigma_up_m: float = setting(1.5, 'm', 'slow vertical error', 0.0, 100.0)
-    slow_s: float = setting(80.0, 's', 'its correlation time', 1.0, 1e5)
+    slow_s: float = setting(300.0, 's', 'its correlation time', 1.0, 1e5)
     white_share: float = setting(0.4, '', 'of the claimed sigma that is white', 0.05, 10.0)
     least_sigma_m: float = setting(0.3, 'm', 'least white sigma that is believed', 1e-3, 100.0)
     hdop_limit: float = setting(5.0, '', 'fixes above it are not used', 0.5, 1e3)

@@ -74,6 +74,7 @@ class _Run:
     estimates: list[Estimate]
     ride: Ride
     seconds: float
+    notes: tuple[str, ...] = ()
 
 
 def run_methods(
@@ -110,7 +111,7 @@ def run_methods(
             yield _smoothed(run(base), base)
         else:
             done = run(name)
-            yield _result(name, done.pipeline, done.estimates, done.seconds)
+            yield _result(name, done.pipeline, done.estimates, done.seconds, done.notes)
             if name != base:
                 del runs[name]
 
@@ -127,22 +128,25 @@ def _through(
     if start is not None:
         pipeline.set_start(*start)
     estimates: list[Estimate] = []
-    ride = Ride(horizon_s)
-    for measurement in measurements:
-        given = pipeline.push(measurement)
-        if given:
-            estimates += given
-            if keep:
-                ride.note(pipeline)
+    ride, notes = Ride(horizon_s), []
+    try:
+        for measurement in measurements:
+            given = pipeline.push(measurement)
+            if given:
+                estimates += given
+                if keep:
+                    ride.note(pipeline)
+    except np.linalg.LinAlgError as error:
+        notes.append(f'ended early, its numbers are none: {error}')
     ride.finish()
-    return _Run(pipeline, estimates, ride, time.process_time() - began)
+    return _Run(pipeline, estimates, ride, time.process_time() - began, tuple(notes))
 
 
 def _smoothed(run: _Run, base: str) -> MethodResult:
     began = time.process_time()
     estimates = smoothed(run.ride, run.pipeline)
     seconds = run.seconds + time.process_time() - began
-    return _result(SMOOTHED, run.pipeline, estimates, seconds, (f'made of {base}',))
+    return _result(SMOOTHED, run.pipeline, estimates, seconds, (f'made of {base}', *run.notes))
 
 
 def _result(

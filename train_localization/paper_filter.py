@@ -87,7 +87,7 @@ class PaperFilter:
 
     def start(self, start: Start) -> Fused:
         """Return what is known at a start; ``aux`` is biases, dead-reckoned lead, scale, V."""
-        imu = self._config.imu
+        imu = self._config.imu.of_grade()
         sigma = np.zeros(SIZE)
         sigma[9:12] = math.radians(imu.gyro_bias_sigma) / 3600.0
         sigma[12:15] = imu.accel_bias_sigma * 1e-3 * GRAVITY

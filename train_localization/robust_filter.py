@@ -133,7 +133,7 @@ class RobustFilter:
         aided: bool = True,
     ) -> None:
         self._config, self._track, self._placing, self._aided = config, track, placing, aided
-        imu, gnss = config.imu, config.gnss
+        imu, gnss = config.imu.of_grade(), config.gnss
         hour = math.radians(1.0) / 3600.0
         self._noise = Noise(
             (math.radians(imu.gyro_noise) / 60.0) ** 2,
@@ -148,7 +148,7 @@ class RobustFilter:
     def start(self, start: Start) -> Fused:
         """Return what is known at a start."""
         imu, wheel, gnss, line = (
-            self._config.imu,
+            self._config.imu.of_grade(),
             self._config.wheel,
             self._config.gnss,
             self._config.map,
