@@ -8,20 +8,9 @@ from numpy.typing import NDArray
 from maglev_localization import paper_kernels as kernels
 from track_localization.estimation.cholesky import lower_root
 from track_localization.estimation.federated import fuse_information
-from track_localization.estimation.particles import RESAMPLING
+from track_localization.estimation.particles import RESAMPLING, Normals
 
 Array = NDArray[np.float64]
-
-LEAST_EFFECTIVE = 20.0
-"""Fewer effective particles do not tell a mean and covariance of three states."""
-
-WITHIN = 9.0
-"""
-Squared innovation over its variance up to which particles tell the posterior.
-
-A cloud has no particles to speak of beyond three sigma. One that is pulled there time after time
-narrows, and follows less and less: what the model allows once in 370 measurements.
-"""
 
 RENEWAL_S = 0.7
 """
@@ -43,11 +32,11 @@ class LocalFilters:
     """
 
     def __init__(self, count: int, resampling: str, rng: np.random.Generator) -> None:
-        self._count, self._rng = count, rng
+        self._count, self._rng, self._normals = count, rng, Normals(rng)
         self._resample = RESAMPLING[resampling]
         self._clouds = np.zeros((2, 3, count))
         self._log_w, self._w = np.zeros((2, count)), np.zeros((2, count))
-        self._spare = np.zeros((3, count))
+        self._spare, self._new_log_w, self._new_w = np.zeros((3, count)), *np.zeros((2, count))
         self._degenerate, self._since_s = [False, False], [0.0, 0.0]
         self.means, self.covariances = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self.n_eff = [float(count)] * 2
@@ -70,7 +59,7 @@ class LocalFilters:
                 self._draw_anew(local)
             self._since_s[local] += T
         clouds, w, means, covariances = self._clouds, self._w, self.means, self.covariances
-        rest = (T, variance, self._rng)
+        rest = (T, variance, self._normals.take(2 * self._count).reshape(2, -1))
         if not kernels.advance(clouds, w, means, covariances, mean, P, shares, given, *rest):
             self.draw(mean, P, shares)
             nothing = kernels.NOTHING
@@ -83,21 +72,16 @@ class LocalFilters:
         Where too few would be left to tell the posterior, they are drawn anew from that of the
         normal distribution with the cloud's mean and covariance, as a Kalman filter has it.
         """
-        nu, S = z - self.means[local, local], self.covariances[local, local, local] + variance
-        if nu * nu > WITHIN * S:
-            self._draw_posterior(local, nu, S)
+        cloud, moments = (self._clouds, self._log_w), (self.means, self.covariances)
+        log_w, w = self._new_log_w, self._new_w
+        n_eff = 0.0
+        if kernels.weigh(*cloud, *moments, local, z, variance, log_w):
+            np.exp(log_w, out=w)
+            n_eff = kernels.settle(*cloud, self._w, *moments, local, log_w, w)
+        if n_eff < kernels.LEAST_EFFECTIVE:
+            self._draw_posterior(local, z, variance)
             return
-        cloud, (log_w, w, _) = self._clouds[local], self._spare
-        mean, P = np.empty(3), np.empty((3, 3))
-        kernels.weigh(cloud[local], self._log_w[local], z, variance, log_w)
-        np.exp(log_w, out=w)
-        total, squares = kernels.measure(cloud, w, self.means[local], mean, P)
-        n_eff = self.n_eff[local] = total * total / squares if squares > 0.0 else 0.0
-        if n_eff < LEAST_EFFECTIVE:
-            self._draw_posterior(local, nu, S)
-            return
-        kernels.settle(log_w, w, total, self._log_w[local], self._w[local])
-        self.means[local], self.covariances[local] = mean, P
+        self.n_eff[local] = n_eff
         self._degenerate[local] = n_eff < 0.5 * self._count
 
     def fused(self) -> tuple[Array, Array, bool]:
@@ -105,29 +89,26 @@ class LocalFilters:
         mean, P, regular = fuse_information(self.means, self.covariances)
         return mean, P, regular
 
-    def _draw_posterior(self, local: int, nu: float, S: float) -> None:
+    def _draw_posterior(self, local: int, z: float, variance: float) -> None:
         mean, P = self.means[local], self.covariances[local]
-        gain = P[:, local] / S
+        gain = P[:, local] / (P[local, local] + variance)
+        nu = z - mean[local]
         self._draw(local, mean + gain * nu, P - np.outer(gain, P[local]))
 
     def _draw_anew(self, local: int) -> None:
         """Resample a cloud; draw it from a normal distribution where all would be copies."""
-        mean, P = self.means[local], self.covariances[local]
         if self._since_s[local] < RENEWAL_S:
-            self._draw(local, mean.copy(), P.copy())
+            self._draw(local, self.means[local].copy(), self.covariances[local].copy())
             return
         self._degenerate[local], self._since_s[local] = False, 0.0
+        cloud, moments = (self._clouds, self._log_w, self._w), (self.means, self.covariances)
         indices = self._resample(self._w[local], self._rng)
-        mean, P, regular = kernels.pick(self._clouds[local], indices, mean, self._spare)
-        if regular:
-            self._clouds[local] = self._spare
-            self._w[local], self._log_w[local] = 1.0 / self._count, -np.log(self._count)
-            self.means[local], self.covariances[local] = mean, P
+        kernels.draw(*cloud, *moments, local, indices, self._spare)
 
     def _draw(self, local: int, mean: Array, P: Array) -> None:
         """Draw a cloud from a normal distribution."""
         L, _ = lower_root(P)
-        noise = self._rng.standard_normal((3, self._count))
+        noise = self._normals.take(3 * self._count).reshape(3, -1)
         self._clouds[local] = mean[:, None] + L @ noise
         self._w[local], self._log_w[local] = 1.0 / self._count, -np.log(self._count)
         self.n_eff[local] = float(self._count)

@@ -83,7 +83,7 @@ def estimated(
             values = getattr(drive, quantity)
             axes.plot(drive.time_s, values, color=colour(method), lw=1.0, label=method)
         dress(axes, TIME, label, f'{title}, {loop}')
-    panels[0].legend(frameon=False)
+    panels[0].legend(edgecolor='none', framealpha=0.9)
     return save(figure, file)
 
 
@@ -108,7 +108,7 @@ def errors(
             values = getattr(drive, quantity)
             axes.plot(drive.time_s, values, color=colour(method), lw=1.1, label=method)
         dress(axes, TIME, label, f'{title}, {loop}')
-    panels[0].legend(frameon=False)
+    panels[0].legend(edgecolor='none', framealpha=0.9)
     return save(figure, file)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import kstest, norm
 
 from track_localization.estimation import particles
 
@@ -12,6 +12,19 @@ SCHEMES = sorted(particles.RESAMPLING)
 def random_weights(rng, count):
     w = rng.exponential(size=count) ** 2
     return w / w.sum()
+
+
+def test_normals_are_the_generators_own():
+    """Taken in any portions they are one stream, of mean 0 and variance 1, and repeatable."""
+    portions = [5, 20000, 3, 9000, 40000]
+    taken = particles.Normals(np.random.default_rng(2))
+    ours = [taken.take(n).copy() for n in portions]
+    again = particles.Normals(np.random.default_rng(2))
+    np.testing.assert_array_equal(ours[0], again.take(5))
+    drawn = np.concatenate(ours)
+    assert len(np.unique(drawn)) == sum(portions)
+    assert kstest(drawn, 'norm').pvalue > 1e-3
+    assert abs(drawn[1:] @ drawn[:-1]) / len(drawn) < 4.0 / np.sqrt(len(drawn))
 
 
 def test_reweight_is_bayes_rule(rng):
