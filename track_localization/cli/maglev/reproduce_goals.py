@@ -79,6 +79,7 @@ def _line(exam: Exam) -> list[Goal]:
     runs = exam[LINE]
     median, worst = runs.median('robust', RMSE), runs.worst('robust', RMSE)
     inside, nees = runs.mean('robust', INSIDE), runs.mean('robust', NEES)
+    later, later_nees = (runs.mean('robust', SINCE + figure) for figure in (INSIDE, NEES))
     least = runs.values('robust', INSIDE)
     fast = runs.times_real_time('robust')
     lowest = f', the least of a run {least.min():.1%}' if len(least) else ''
@@ -88,7 +89,8 @@ def _line(exam: Exam) -> list[Goal]:
         Goal(
             'line: errors of robust inside 2 sigma',
             '92 to 98 %',
-            f'{inside:.1%} (NEES {nees:.2f}{lowest})',
+            f'{inside:.1%} (NEES {nees:.2f}{lowest}); '
+            f'after a balise {later:.1%}, NEES {later_nees:.2f}',
             None if np.isnan(inside) else bool(0.92 <= inside <= 0.98),
         ),
         Goal(

@@ -122,7 +122,9 @@ def line_table(exam: Exam) -> Table:
             runs.worst(name, SINCE + RMSE),
             runs.worst(name, SINCE + MOST),
             100.0 * runs.mean(name, INSIDE),
+            100.0 * runs.mean(name, SINCE + INSIDE),
             runs.mean(name, NEES),
+            runs.mean(name, SINCE + NEES),
             runs.median(name, 'speed_mps.rmse'),
             runs.times_real_time(name),
         )
@@ -131,7 +133,8 @@ def line_table(exam: Exam) -> Table:
     ]
     columns = (
         *('method', 'RMSE: median', 'worst run', 'after a balise: median', 'worst run'),
-        *('greatest error', 'in 2 sigma [%]', 'NEES', 'speed RMSE [m/s]', 'x real time'),
+        *('greatest error', 'in 2 sigma [%]', 'after a balise [%]', 'NEES', 'after a balise'),
+        *('speed RMSE [m/s]', 'x real time'),
     )
     title = f'Scenario line, {len(runs.all)} runs: errors of the place [m] while the train moves'
     return Table(title, columns, rows)

@@ -32,9 +32,9 @@ def figures(case: str, entry: str) -> dict[str, float]:
     if case == PAPER:
         rmse, most = 0.07, 0.25
     out = {'cpu_s': 2.0, 'estimates': 9000.0, 'speed_mps.rmse': 0.05, 'speed_mps.max': 0.3}
-    out |= {'inside_2_sigma': 0.95, 'nees_mean': 1.0, 'since.inside_2_sigma': 0.95}
-    out |= {f'{w}position_m.rmse': rmse for w in ('', 'since.')}
-    out |= {f'{w}position_m.max': most for w in ('', 'since.')}
+    for part in ('', 'since.'):
+        out |= {f'{part}inside_2_sigma': 0.95, f'{part}nees_mean': 1.0}
+        out |= {f'{part}position_m.rmse': rmse, f'{part}position_m.max': most}
     if entry == 'paper_alone':
         out['position_m.max'] = 9.7
     if case in DEAD:
