@@ -125,7 +125,7 @@ class GnssErrors:
     drift_m: float = setting(0.8, 'm', 'rms of the correlated part, east and north', 0.0, 100.0)
     drift_up_m: float = setting(1.5, 'm', 'rms of it, up', 0.0, 100.0)
     drift_s: tuple[float, float] = setting(
-        (60.0, 100.0), 's', 'its correlation time, uniform per run', 1.0, 1e5
+        (200.0, 600.0), 's', 'its correlation time, uniform per run', 1.0, 1e5
     )
     noise_m: float = setting(0.3, 'm', 'white noise, east and north', 0.0, 100.0)
     noise_up_m: float = setting(0.5, 'm', 'white noise, up', 0.0, 100.0)
