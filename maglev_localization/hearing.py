@@ -245,20 +245,24 @@ def hear_slowness(x: Array, P: Array, least: float, outlier: float) -> bool:
     Tell the radar's local filters that it reads less than it can, ``least`` [m/s], in place.
 
     Such a reading is no speed, and the next is no news: it only holds a speed that leaves its
-    bounds. A train that is braked to a stop stays there, and does not go backward. One that runs
-    does not stand because its radar lost the ground: where that is likelier, ``outlier`` being the
-    share of readings that mean nothing, it is ignored. Return whether the first hypothesis does.
+    bounds or is in doubt. A train braked to a stop stays there, and does not go backward. One that
+    runs does not stand because its radar lost the ground: where that is likelier, ``outlier`` being
+    the share of readings that mean nothing, it is ignored. Return whether the first one does.
     """
     PH, H = np.empty(SIZE), np.zeros(SIZE)
     plain, nothing = math.log(1.0 - outlier), math.log(outlier / RANGE_MPS + NEVER)
     ignored = False
     for i in range(len(x)):
-        v = x[i, 1, V]
-        if 0.0 <= v <= least:
-            continue
-        level, sigma = (0.5 * least, 0.5 * least) if v > least else (0.0, BACKWARD_MPS)
+        v, level, sigma = x[i, 1, V], 0.0, 0.5 * least
         H[V], H[A] = 1.0, 0.0
-        S = project(P[i, 1], H, PH) + sigma * sigma
+        spread = project(P[i, 1], H, PH)
+        if 0.0 <= v <= least and SHARE * spread <= sigma * sigma:
+            continue
+        if v > least:
+            level = 0.5 * least
+        elif v < 0.0:
+            sigma = BACKWARD_MPS
+        S = spread + sigma * sigma
         if plain + log_normal(level - v, S) < nothing:
             ignored = ignored or i == 0
             continue

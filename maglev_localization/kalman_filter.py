@@ -40,7 +40,7 @@ BALISE_SIGMAS, BALISE_LEAST_M = 5.0, 3.0
 JUMP_AFTER = 2
 """So many loop readings refused in a row are a jump of the counter."""
 STILL_SIGMA_MPS2 = 0.2
-DEPARTURE_MPS, DEPARTURE_MPS2 = 0.5, 0.5
+DEPARTURE_MPS, DEPARTURE_MPS2, BACKWARD_MPS = 0.5, 0.5, 0.1
 
 TO_CHAINAGE = np.zeros((3, SIZE))
 TO_CHAINAGE[0, C], TO_CHAINAGE[0, B], TO_CHAINAGE[1, V], TO_CHAINAGE[2, A] = 1.0, -1.0, 1.0, 1.0
@@ -144,13 +144,7 @@ class KalmanFilter:
         if memory.frozen:
             reason = 'gate'
         elif abs(z.speed) < least:
-            if x[V] < 0.0 or x[V] > least:
-                level, sigma = (0.5 * least, 0.5 * least) if x[V] > least else (0.0, 0.1)
-                spread = P[V, V] + sigma**2
-                if (level - x[V]) ** 2 > GATE * spread:
-                    reason = 'gate'
-                else:
-                    correct(x, P, P[:, V].copy(), spread, level - x[V])
+            reason = _hold_slow(x, P, least)
         else:
             H[V], H[K] = 1.0 + x[K], x[V]
             nu = z.speed - (1.0 + x[K]) * x[V]
@@ -177,12 +171,25 @@ class KalmanFilter:
         told = table.index(z.balise)
         reason = 'unknown_id' if told is None else ''
         if told is None or abs(ahead[told]) > gate:
-            nearest = int(np.argmin(np.abs(ahead)))
             reason = reason or 'wrong_id'
-            told = nearest if abs(ahead[nearest]) <= gate else None
+            nearest = int(np.argmin(np.abs(ahead))) if len(table) else None
+            told = None if nearest is None or abs(ahead[nearest]) > gate else nearest
         if told is None:
             return state._replace(reason='gate' if reason == 'wrong_id' else reason)
         R = table.sigma[told] ** 2 + z.variance + (x[V] * self._config.balise.jitter_s) ** 2
         nu = float(ahead[told])
         correct_fully(x, P, H, R, nu)
         return state._replace(reason=reason, nis=nu * nu / (spread + R))
+
+
+def _hold_slow(x: Array, P: Array, least: float) -> str:
+    """Hold a speed that a radar below ``least`` [m/s] leaves no room for; return why not, or ''."""
+    sigma = 0.5 * least
+    if 0.0 <= x[V] <= least and P[V, V] <= sigma**2:
+        return ''
+    level = sigma if x[V] > least else 0.0
+    spread = P[V, V] + (BACKWARD_MPS if x[V] < 0.0 else sigma) ** 2
+    if (level - x[V]) ** 2 > GATE * spread:
+        return 'gate'
+    correct(x, P, P[:, V].copy(), spread, level - x[V])
+    return ''

@@ -227,6 +227,15 @@ def test_a_speed_in_doubt_is_held_by_a_radar_that_reads_nothing():
     assert x[0, 1, V] == pytest.approx(0.25, abs=0.05)
 
 
+def test_a_slow_train_in_doubt_is_held_too():
+    """Else the doubt of a train that stands grows until an outlier is believed."""
+    _, x, P = one(v=0.2, sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
+    assert not hearing.hear_slowness(x, P, 0.5, 0.02)
+    assert x[0, 1, V] == pytest.approx(0.0, abs=1e-3)
+    assert math.sqrt(P[0, 1, V, V]) == pytest.approx(0.25, rel=0.01)
+    assert hear_radar((np.zeros(1), x, P), 5.0)[4] == hearing.IGNORED
+
+
 def test_a_balise_as_told_corrects_the_master():
     """Fused, both locals have the dense update of the global estimate."""
     state = one()
