@@ -112,6 +112,22 @@ def predict(
 
 
 @njit(cache=True)
+def longest_gap(time_s: float, stamps: Array) -> float:
+    """Return the longest time between a stamp and the next ones [s]."""
+    longest = 0.0
+    for stamp in stamps:
+        longest = max(longest, stamp - time_s)
+        time_s = stamp
+    return longest
+
+
+@njit(cache=True)
+def speed_of(nav: Array) -> float:
+    """Return the speed of a navigation state [m/s]."""
+    return math.sqrt(nav[3] ** 2 + nav[4] ** 2 + nav[5] ** 2)
+
+
+@njit(cache=True)
 def spread(P: Array, Phi: Array, Q: Array, span: float, noise: Noise) -> None:
     """Carry the covariance over ``span`` [s], in place."""
     P[:INERTIAL, :] = Phi @ np.ascontiguousarray(P[:INERTIAL, :])

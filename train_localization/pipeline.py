@@ -242,24 +242,20 @@ class TrainPipeline:
     def estimate(self, state: Fused) -> Estimate:
         """Return the estimate that a state of the filter is, in ``map``."""
         assert self._placing is not None
-        nav = state.nav
-        turn, place = self._placing.rotation(nav), self._placing.position(nav)
-        T = np.eye(9)
-        T[:3, :3] = T[3:6, 3:6] = turn
-        covariance = T @ state.P[:9, :9] @ T.T
+        position, quaternion, velocity, covariance = self._placing.place(state.nav, state.P)
         chainage = sigma = None
         if self._track is not None:
             near = None if math.isnan(self._chainage) else self._chainage
-            s = float(self._track.nearest(place, near, None if near is None else 100.0))
+            s = float(self._track.nearest(position, near, None if near is None else 100.0))
             tangent = self._track.tangent(s)
             self._chainage, chainage = s, s
             sigma = float(np.sqrt(tangent @ covariance[:3, :3] @ tangent))
         return Estimate(
             time_s=state.time_s,
-            geodetic=nav[:3].copy(),
-            position=place,
-            quaternion=so3.quat_from_matrix(turn @ kernels.rotation(nav)),
-            velocity=turn @ nav[3:6],
+            geodetic=state.nav[:3].copy(),
+            position=position,
+            quaternion=quaternion,
+            velocity=velocity,
             angular_rate=state.w_mean,
             covariance=covariance,
             mode=self._mode(state),

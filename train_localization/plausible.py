@@ -19,11 +19,12 @@ def problem(measurement: Measurement) -> str | None:
     if not math.isfinite(measurement.time_s):
         return 'not_finite'
     if isinstance(measurement, ImuSample):
-        values = np.concatenate([measurement.specific_force, measurement.angular_rate])
-        if not np.isfinite(values).all():
+        fx, fy, fz = measurement.specific_force.tolist()
+        wx, wy, wz = measurement.angular_rate.tolist()
+        if not math.isfinite(fx + fy + fz + wx + wy + wz):
             return 'not_finite'
-        force, rate = np.abs(values[:3]).max(), np.abs(values[3:]).max()
-        return 'implausible' if force > MAX_FORCE or rate > MAX_RATE else None
+        far = max(abs(fx), abs(fy), abs(fz)) > MAX_FORCE
+        return 'implausible' if far or max(abs(wx), abs(wy), abs(wz)) > MAX_RATE else None
     if isinstance(measurement, WheelSpeed):
         if not math.isfinite(measurement.speed):
             return 'not_finite'

@@ -40,6 +40,9 @@ GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
 """What a train may do unseen while the IMU is silent for longer, 1 sigma."""
 
 
+IDENTITY = np.eye(SIZE)
+
+
 class Stretch(NamedTuple):
     """
     IMU samples of one filter step.
@@ -195,17 +198,17 @@ class RobustFilter:
         if np.isnan(before[0]):
             before[:3], before[3:] = stretch.rates[0], stretch.forces[0]
         inertial = np.empty((INERTIAL, INERTIAL))
-        speed = float(np.linalg.norm(nav[3:6]))
+        speed = kernels.speed_of(nav)
         kernels.predict(
             nav, aux, P, state.time_s, stretch.stamps, stretch.rates, stretch.forces, before,
             self._noise, inertial,
         )  # fmt: skip
         span = max(stretch.time_s - state.time_s, 1e-9)
-        Phi = np.eye(SIZE)
+        Phi = IDENTITY.copy()
         Phi[:INERTIAL, :INERTIAL] = inertial
         Phi[SLOW : SLOW + 3, SLOW : SLOW + 3] *= math.exp(-span / self._noise.slow_s)
-        gained = (float(np.linalg.norm(nav[3:6])) - speed) / span
-        longest = float(np.diff(stretch.stamps, prepend=state.time_s).max())
+        gained = (kernels.speed_of(nav) - speed) / span
+        longest = kernels.longest_gap(state.time_s, stretch.stamps)
         if longest > GAP_S:
             P[:3, :3] += np.eye(3) * (0.5 * GAP_MPS2 * longest**2) ** 2
             P[3:6, 3:6] += np.eye(3) * (GAP_MPS2 * longest) ** 2
@@ -222,7 +225,7 @@ class RobustFilter:
             return state
         now, wheel = state.time_s, self._config.wheel
         nav, aux, P = state.nav, state.aux, state.P
-        speed = float(np.linalg.norm(nav[3:6]))
+        speed = kernels.speed_of(nav)
         heard = now - state.wheel_s < ALONE_S
         if heard and now - state.moved_s > STILL_AFTER_S:
             kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
@@ -293,7 +296,7 @@ class RobustFilter:
         R = max(wheel.sigma_mps**2, heard.variance)
         settling = state.time_s - state.began_s < SETTLING_S
         if state.refused_wheel >= wheel.recover_after:
-            P[3:6, 3:6] += np.eye(3) * (heard.speed - np.linalg.norm(nav[3:6])) ** 2
+            P[3:6, 3:6] += np.eye(3) * (heard.speed - kernels.speed_of(nav)) ** 2
             settling = True
         gate = ANY if settling else wheel.gate
         nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, gate)
