@@ -86,9 +86,8 @@ def errors(file: Path, runs: Mapping[str, NavigationErrors], outage: Span, begin
                 run.time_s - begin_s, run.position[:, k], color=colour(name), lw=1.1, label=name
             )
         most = max((_within(run, outage, k) for run in runs.values()), default=0.0)
-        axes.set_ylim(
-            *(side * 1.2 * float(np.clip(most, 1.05 * LIMIT_M, 60.0)) for side in (-1, 1))
-        )
+        reach = 1.2 * float(np.clip(most, 1.05 * LIMIT_M, 60.0))
+        axes.set_ylim(-reach, reach)
         dress(axes, '', f'{side} error [m]')
     panels[0].set_title(
         "Fig. 6: errors; shaded: no satellites; dashed: the paper's 10 m",

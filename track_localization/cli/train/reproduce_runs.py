@@ -120,7 +120,7 @@ def run_task(task: Task) -> Run:
         run = simulate_train(scenario(case.scenario), task.seed)
         for name, result in results(run, case, task.entries):
             entries[name] = flat(figures(result, run))
-    except (DataError, ArithmeticError, LookupError, ValueError, AssertionError) as error:
+    except (DataError, ArithmeticError, LookupError, ValueError) as error:
         failed = f'{type(error).__name__}: {error}'
         return Run(task.case, task.seed, {'failed': failed}, entries)
     about: Figures = {'duration_s': run.duration_s}
