@@ -29,14 +29,14 @@ def survey(rng: Generator, config: Survey, route: Route) -> tuple[TrackFile, dic
     beside = cross * _smooth(rng, config.correlation_m, s)
     above = height * _smooth(rng, config.correlation_m, s)
     latitude, longitude, h = route.place(s)
-    R = axes_in_map(latitude, longitude, route.datum) @ route.pose(s, np.zeros_like(s)).attitude
-    up = axes_in_map(latitude, longitude, route.datum)[:, :, 2]
+    local = axes_in_map(latitude, longitude, route.datum)
+    R, up = local @ route.pose(s, np.zeros_like(s)).attitude, local[:, :, 2]
     left = np.cross(up, R[:, :, 0])
     left /= np.linalg.norm(left, axis=1, keepdims=True)
     position = enu_from_geodetic(latitude, longitude, h, route.datum)
     position += (config.aside_m + beside)[:, None] * left + above[:, None] * up
-    turn = np.stack([np.zeros_like(s), -np.gradient(above, s), np.gradient(beside, s)], axis=1)
-    R = R @ so3.exp(turn)
+    away = np.gradient(beside, s)[:, None] * left + np.gradient(above, s)[:, None] * up
+    R = so3.exp(np.cross(R[:, :, 0], away)) @ R
     track = TrackFile(position, R[:, :, 0], R[:, :, 1], R[:, :, 2])
     return track, {'cross_m': cross, 'height_m': height, 'aside_m': config.aside_m}
 
