@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from track_localization.io import codec
 from track_localization.io.bag_writer import Message
+from track_localization.io.gnss import (
+    DIAGNOSTICS,
+    FIX,
+    HDOP_KEY,
+    SATELLITES_KEY,
+    UNKNOWN_COVARIANCE,
+)
 
 Array = NDArray[np.float64]
 
-FIX = 'sensor_msgs/msg/NavSatFix'
-DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
-
 NO_FIX, A_FIX = -1, 0
 BEIDOU = 4
-UNKNOWN, KNOWN = 0, 3
-"""Of a covariance."""
-
-SATELLITES, HDOP = 'satellites_used', 'hdop'
-"""Keys of what a receiver tells of its fix."""
+KNOWN_COVARIANCE = 3
 
 OK, WARN, ERROR = 0, 1, 2
 ENOUGH = 4
@@ -67,7 +67,7 @@ def fix_messages(
             longitude=float(np.degrees(geodetic[i, 1])),
             altitude=float(geodetic[i, 2]),
             position_covariance=block,
-            position_covariance_type=KNOWN if block.any() else UNKNOWN,
+            position_covariance_type=KNOWN_COVARIANCE if block.any() else UNKNOWN_COVARIANCE,
         )
         yield _logged(topic, FIX, float(arrival_s[i]), message)
 
@@ -89,9 +89,9 @@ def quality_messages(
     for i in np.argsort(arrival_s, kind='stable').tolist():
         values = {}
         if satellites[i] >= 0:
-            values[SATELLITES] = str(int(satellites[i]))
+            values[SATELLITES_KEY] = str(int(satellites[i]))
         if np.isfinite(hdop[i]):
-            values[HDOP] = f'{hdop[i]:.2f}'
+            values[HDOP_KEY] = f'{hdop[i]:.2f}'
         if not values:
             continue
         message = codec.make(
