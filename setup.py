@@ -49,6 +49,7 @@ setup(
             'coaster_eskf = coaster_localization.nodes.eskf:main',
             'coaster_track_filter = coaster_localization.nodes.track_filter:main',
             'maglev_federated_pf = maglev_localization.nodes.federated_pf:main',
+            'train_kf = train_localization.nodes.train_kf:main',
             'simulate = track_localization.cli.simulate:main',
             'evaluate = track_localization.cli.evaluate:main',
             'locate = track_localization.cli.locate:main',

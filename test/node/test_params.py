@@ -17,6 +17,7 @@ from maglev_localization.nodes import inputs as maglev
 from track_localization.errors import DataError
 from track_localization.ros.params import declare_config, read_file, warn_unknown
 from track_localization.settings import override, setting
+from train_localization.nodes import inputs as train
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +133,7 @@ def test_a_file_parameter_says_what_is_wrong(tmp_path):
 
 
 CONFIG = Path(__file__).parents[2] / 'config'
-NODES = {'coaster': coaster.NodeConfig, 'maglev': maglev.NodeConfig}
+NODES = {'coaster': coaster.NodeConfig, 'maglev': maglev.NodeConfig, 'train': train.NodeConfig}
 """Whose parameters a shipped file holds, by its name."""
 
 

@@ -24,6 +24,7 @@ NODES = {
     'coaster_track_filter': 'coaster_localization.nodes.track_filter',
     'maglev_federated_pf': 'maglev_localization.nodes.federated_pf',
     'sensor_publisher': 'track_localization.ros.replay',
+    'train_kf': 'train_localization.nodes.train_kf',
 }
 
 
@@ -102,6 +103,16 @@ def test_a_signal_ends_the_maglev_node_cleanly(ros, start, maglev_files, sign):
 
 
 @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_train_s_node_cleanly(ros, start, sign):
+    process = start('train_kf', 'datum.place:=[45.0,9.0,120.0]')
+    assert appears(ros, 'train_kf')
+    process.send_signal(sign)
+    code, out, err = finish(process)
+    assert (code, out) == (0, '')
+    assert 'Traceback' not in err
+
+
+@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('name', ['imu_publisher', 'sensor_publisher'])
 def test_a_signal_ends_a_replay_cleanly_and_it_says_how_far_it_came(ros, start, bag, name, sign):
     listener = ros.node('listener')
@@ -147,6 +158,14 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
         ('srdtw_matcher', 'matcher.method:=guess', "parameter matcher.method: 'guess' is not one"),
         ('maglev_federated_pf', 'balises:=/none.csv', 'parameter balises: /none.csv'),
         ('maglev_federated_pf', 'particles:=many', "parameter particles: 'many' cannot stand for"),
+        (
+            'train_kf',
+            'track:=/none.csv',
+            'parameter track: a line means nothing without the origin',
+        ),
+        ('train_kf', 'datum.file:=/none.yaml', 'parameter datum.file: /none.yaml: no such file'),
+        ('train_kf', 'datum.place:=[91.0,0.0,0.0]', 'parameter datum.place: latitude_deg is 91.0'),
+        ('train_kf', 'method:=robust_map', 'parameter method: robust_map needs the line'),
     ],
 )
 def test_a_bad_parameter_gives_one_line_and_exit_code_1(start, name, given, said):
@@ -176,4 +195,6 @@ def test_help_lists_parameters_with_units(start, name):
         wanted = 'start_offset = 0.0 [s]'
     elif name == 'maglev_federated_pf':
         wanted = 'loop.pitch_m = 0.2 [m]'
+    elif name == 'train_kf':
+        wanted = 'alignment.rest_s = 2.0 [s]'
     assert wanted in out

@@ -11,7 +11,8 @@ cannot be used. Reasons, alike in every node:
 - ``no_specific_force``: ``linear_acceleration_covariance[0] == -1``, the sender's "not measured";
 - ``bad_quaternion``: its length is more than 1 % off 1;
 - ``covariance_not_finite``, ``covariance_asymmetric``, ``covariance_not_positive``: of the position
-  block; zero means "unknown" to some senders and "exact" to others, and neither can be fused.
+  block; zero means "unknown" to some senders and "exact" to others, and neither can be fused;
+- ``no_attitude_covariance``: a start that must tell how it is turned does not say how well.
 """
 
 from __future__ import annotations
@@ -102,9 +103,9 @@ def imu_sample(msg: Imu, frame: str, R_bm: Array | None = None) -> ImuSample | s
     if msg.angular_velocity_covariance[0] == -1.0:
         w = np.full(3, np.nan)
     elif not max(abs(g.x), abs(g.y), abs(g.z)) < MAX_RATE or math.isnan(g.x + g.y + g.z):
-        return _why((g.x, g.y, g.z))
+        return why_not((g.x, g.y, g.z))
     if not max(abs(a.x), abs(a.y), abs(a.z)) < MAX_FORCE or math.isnan(a.x + a.y + a.z):
-        return _why((a.x, a.y, a.z))
+        return why_not((a.x, a.y, a.z))
     if R_bm is not None:
         f, w = R_bm @ f, R_bm @ w
     return ImuSample(seconds(msg.header.stamp), f, w)
@@ -122,7 +123,7 @@ def pose(msg: PoseWithCovarianceStamped, frame: str) -> tuple[float, Array, Arra
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     position, quaternion = np.array((p.x, p.y, p.z)), np.array((q.x, q.y, q.z, q.w))
     if not np.abs(position).max() < MAX_POSITION:
-        return _why(position)
+        return why_not(position)
     if not np.isfinite(quaternion).all():
         return 'not_finite'
     norm = math.hypot(*quaternion)
@@ -137,6 +138,23 @@ def pose(msg: PoseWithCovarianceStamped, frame: str) -> tuple[float, Array, Arra
     )
 
 
+def full_pose(
+    msg: PoseWithCovarianceStamped, frame: str
+) -> tuple[float, Array, Array, Array] | str:
+    """
+    Return what ``pose`` does, the covariance (6, 6) with rotation about the axes of ``frame``.
+
+    Or the reason why the message cannot be used.
+    """
+    read = pose(msg, frame)
+    if isinstance(read, str):
+        return read
+    covariance = np.array(msg.pose.covariance, dtype=np.float64).reshape(6, 6)
+    if not covariance[3:, 3:].any():
+        return 'no_attitude_covariance'
+    return covariance_problem(covariance) or (*read[:3], covariance)
+
+
 def chainage(msg: PoseWithCovarianceStamped, frame: str = 'track') -> tuple[float, float] | str:
     """Return distance along the track [m] and its variance [m^2], or the reason why not."""
     problem = header_problem(msg.header, frame)
@@ -144,7 +162,7 @@ def chainage(msg: PoseWithCovarianceStamped, frame: str = 'track') -> tuple[floa
         return problem
     s, variance = msg.pose.pose.position.x, float(msg.pose.covariance[0])
     if not abs(s) < MAX_POSITION:
-        return _why((s,))
+        return why_not((s,))
     return variance_problem(variance) or (s, variance)
 
 
@@ -167,7 +185,7 @@ def speed(msg: TwistWithCovarianceStamped, frame: str) -> tuple[float, float] | 
         return problem
     v, variance = msg.twist.twist.linear.x, float(msg.twist.covariance[0])
     if not abs(v) < MAX_SPEED:
-        return _why((v,))
+        return why_not((v,))
     return variance_problem(variance) or (v, variance)
 
 
@@ -239,5 +257,6 @@ def _fill_xyz(target: Any, values: Array) -> None:
     target.x, target.y, target.z = values.tolist()
 
 
-def _why(values: Any) -> str:
+def why_not(values: Any) -> str:
+    """Return the reason why numbers out of range cannot be used."""
     return 'implausible' if all(map(math.isfinite, values)) else 'not_finite'

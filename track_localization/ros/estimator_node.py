@@ -55,8 +55,14 @@ class EstimatorNode(Node):
     def _now_s(self) -> float:
         return self.get_clock().now().nanoseconds / convert.NANO
 
-    def _connect(self, streams: Mapping[str, StreamHealth]) -> None:
-        """Advertise, and subscribe to initialpose; ``streams`` are the node's sensors by name."""
+    def _connect(
+        self, streams: Mapping[str, StreamHealth], together: InOrder | None = None
+    ) -> None:
+        """
+        Advertise, and subscribe to initialpose; ``streams`` are the node's sensors by name.
+
+        ``together``: a start is taken in its order among the messages of this group.
+        """
         self._advertise()
         self.diagnostics = Diagnostics(
             self,
@@ -65,8 +71,9 @@ class EstimatorNode(Node):
             self._figures,
         )
         self.create_service(Trigger, '~/reset', self._on_reset)
+        join = subscribe if together is None else together.subscribe
         pose = PoseWithCovarianceStamped
-        subscribe(self, pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
+        join(self, pose, 'initialpose', self.on_initialpose, OUTPUT_QOS)
 
     def _listen(
         self,
@@ -126,6 +133,10 @@ class EstimatorNode(Node):
         else:
             read = convert.pose(msg, self.config.frame_map)
             problem = read if isinstance(read, str) else self._start_at_pose(*read[1:])
+        self._started(msg, problem)
+
+    def _started(self, msg: PoseWithCovarianceStamped, problem: str | None) -> None:
+        """Note what became of a start."""
         if problem is None:
             self.start.arrived(convert.seconds(msg.header.stamp))
         else:
@@ -144,8 +155,9 @@ class EstimatorNode(Node):
         self._newest_s = time_s = estimate.time_s
         convert.fill_odometry(self._odometry, estimate)
         self._odometry_pub.publish(self._odometry)
-        convert.fill_chainage(self._chainage, time_s, estimate.chainage, estimate.sigma_along)
-        self._chainage_pub.publish(self._chainage)
+        if estimate.chainage is not None:
+            convert.fill_chainage(self._chainage, time_s, estimate.chainage, estimate.sigma_along)
+            self._chainage_pub.publish(self._chainage)
         frame, base = self.config.frame_map, self.config.frame_base
         if self._send_transform is not None:
             self._send_transform(
