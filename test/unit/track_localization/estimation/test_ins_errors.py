@@ -182,10 +182,9 @@ TACTICAL = (2e-12, 1e-8, 1e-18, 1e-12)
 @pytest.mark.parametrize('dt', [0.01, 0.1])
 def test_process_noise_of_one_step_is_van_loans(psd, dt):
     """
-    Each element within what noise does two errors further on in one step.
+    What a noise does to its own error and to the next one is there, but for the body's turn w dt.
 
-    The gyro's share of velocity, relative to the accelerometer's, is (f dt)^2 / 3 times the ratio
-    of densities; a bias's share (dt^2 / 3); a turn of the body inside the step is w dt.
+    What it does further on is not: at most f dt sqrt(gyro / accelerometer) of the same scale.
     """
     attitude = Rotation.from_euler('xyz', [0.1, -0.2, 0.9])
     f, w = np.array([0.5, -0.3, 9.8]), np.array([0.02, 0.01, -0.1])
@@ -194,10 +193,16 @@ def test_process_noise_of_one_step_is_van_loans(psd, dt):
     Q = np.full((15, 15), np.nan)
     ins.process_noise(nav, dt, *psd, Q)
     np.testing.assert_array_equal(Q, Q.T)
+    leak = (10.0 * dt) ** 2 * psd[0] / psd[1]
+    for i, j in [(0, 0), (0, 1), (1, 1), (2, 2), (2, 3), (3, 3), (1, 4), (4, 4)]:
+        block = (slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3))
+        size = np.abs(expected[block]).max()
+        # Of positions and velocities also the tilt's share, and dt^2 / 3 of a bias's.
+        missing = leak * (i < 2) + 0.11 * dt + psd[3] / psd[1] * dt * dt + psd[2] / psd[0] * dt * dt
+        np.testing.assert_allclose(Q[block], expected[block], atol=missing * size)
     sigma = np.sqrt(np.diag(expected))
-    scaled = (Q - expected) / np.outer(sigma, sigma)
-    coupling = 10.0 * dt * np.sqrt(psd[0] / psd[1])
-    assert np.abs(scaled).max() < 0.6 * coupling + 0.6 * np.hypot(0.11, dt) * dt
+    apart = np.abs(Q - expected) / np.outer(sigma, sigma)
+    assert apart.max() < np.sqrt(leak) + 0.11 * dt + dt * dt
     assert np.linalg.eigvalsh(Q / np.outer(sigma, sigma)).min() > -1e-12
 
 
