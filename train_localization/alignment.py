@@ -27,7 +27,7 @@ LONGEST_S = 10.0
 """A course is told by fixes no further apart [s]."""
 FEW = 3
 """Fixes that make a course."""
-AGREE_M, AGREE_MPS = 3.0, 2.0
+AGREE_M, AGREE_MPS, AGREE_SHARE = 2.0, 2.0, 0.05
 """Fixes that tell a course agree so well with a straight way at constant speed."""
 SPEED_SIGMA_MPS, CLIMB_SIGMA_MPS = 0.5, 1.0
 
@@ -144,17 +144,19 @@ class Alignment:
         return bool(np.hypot(*way[:2]) > self._config.course_m)
 
     def _smooth(self, way: Array) -> bool:
-        """Whether the last three fixes agree with one another and with the odometer."""
-        times = np.array([f.time_s for f, _ in self._fixes])[-3:]
-        share = (times[1] - times[0]) / (times[2] - times[0])
-        between = way[-3] + share * (way[-1] - way[-3])
+        """Whether all fixes agree with a straight way at constant speed, and the odometer's."""
+        times = np.array([f.time_s for f, _ in self._fixes])
+        elapsed = times[-1] - times[0]
         claimed = math.sqrt(float(np.trace(self._fixes[-1][0].covariance[:2, :2])))
-        if np.hypot(*(way[-2] - between)[:2]) > AGREE_M + claimed:
+        distance = float(np.hypot(*way[-1, :2]))
+        straight = np.outer((times - times[0]) / elapsed, way[-1])
+        apart = np.hypot(*(way - straight)[:, :2].T).max()
+        if apart > AGREE_M + claimed + AGREE_SHARE * distance:
             return False
-        if self._speed is None or abs(times[2] - self._speed.time_s) > 1.5:
+        if self._speed is None or abs(times[-1] - self._speed.time_s) > 1.5:
             return True
-        told = float(np.hypot(*(way[-1] - way[-3])[:2])) / (times[2] - times[0])
-        return abs(told - self._speed.speed) < AGREE_MPS + claimed / (times[2] - times[0])
+        slack = AGREE_MPS + claimed / elapsed + abs(self._gain) * elapsed
+        return abs(distance / elapsed - self._speed.speed) < slack
 
     def _rest(self, sample: ImuSample) -> None:
         """Learn the gyros' biases while the train stands."""

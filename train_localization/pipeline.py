@@ -43,6 +43,8 @@ ALIGNING = 'aligning'
 START_WITHIN_S, START_SHARE, START_SIGMA_MPS = 2.0, 0.05, 0.5
 """A given pose waits so long for an odometer speed [s]; of the way until then so much is unsure;
 of that speed [m/s]."""
+RESTART_S = 2.0
+"""When all stamps have been too late for so long, time began anew [s]."""
 SILENT_S = 1.5
 """A sensor not heard for so long is missing [s]."""
 
@@ -78,7 +80,7 @@ class TrainPipeline:
     def reset(self) -> None:
         """Forget everything; the next measurements align anew."""
         self._rejections = Rejections()
-        self._stamps = Stamps(self._config.horizon_s, ordered=(IMU,))
+        self._stamps = Stamps(self._config.horizon_s, ordered=(IMU,), restart_s=RESTART_S)
         self._placing = None if self._given_datum is None else Placing(self._given_datum)
         self._align()
         self._nis: dict[str, float] = {}
@@ -137,7 +139,7 @@ class TrainPipeline:
             self._rejections.add(sensor, reason)
             return []
         self._heard_s[sensor] = measurement.time_s
-        if self._stamps.gap_s > 0.0:
+        if self._stamps.gap_s > 0.0 or self._stamps.restarted:
             self._align()
             self.mode = ALIGNING
         if isinstance(measurement, GnssFix) and self._placing is None:
