@@ -290,7 +290,7 @@ def _files_lacking(files: Mapping[str, Path]) -> list[str]:
         said.append('No track.csv beside the bag: robust_map is left out (--track FILE).')
     if 'datum' not in files:
         said.append(
-            'No datum.yaml beside the bag: map has its origin at the first fix, so that its error '
-            'is in every position (--datum FILE).'
+            'No datum.yaml beside the bag: map has its origin at the first fix (--datum FILE); '
+            'errors hold what lies between it and the origin of a truth.'
         )
     return said
