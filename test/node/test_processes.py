@@ -161,7 +161,7 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
         (
             'train_kf',
             'track:=/none.csv',
-            'parameter track: a line means nothing without the origin',
+            'parameter track: a line means nothing without the',
         ),
         ('train_kf', 'datum.file:=/none.yaml', 'parameter datum.file: /none.yaml: no such file'),
         ('train_kf', 'datum.place:=[91.0,0.0,0.0]', 'parameter datum.place: latitude_deg is 91.0'),
