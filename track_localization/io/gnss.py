@@ -149,34 +149,47 @@ def read_recorded(path: str | Path, remap: Mapping[str, str] | None = None) -> R
         rows[sensor].append(READERS[sensor](message))
         stamps[sensor].append(codec.header_ns(message) if hasattr(message, 'header') else 0)
         logged[sensor].append(time_ns)
-    rejected = {'bag': damage} if damage else {}
     if not rows[IMU]:
         raise DataError(
-            f'{path}: no IMU sample that can be read ({rejected or "the topic is empty"}); '
+            f'{path}: no IMU sample that can be read ({damage or "the topic is empty"}); '
             'the train needs its IMU'
         )
-    unstamped = {s for s in TOPICS if stamps[s] and not any(stamps[s])}
-    unstamped -= {QUALITY} if STATUS in kinds else set()
-    for sensor in sorted(unstamped):
-        rejected.setdefault(sensor, {})['no_header_stamp'] = len(stamps[sensor])
-    time_s = {s: _seconds(logged[s] if s in unstamped else stamps[s]) for s in TOPICS}
-    if STATUS in kinds:
-        logged_s = _seconds(logged[QUALITY])
-        time_s[QUALITY] = _of_fixes(logged_s, time_s[GNSS], _seconds(logged[GNSS]))
+    arrival_s = {sensor: _seconds(logged[sensor]) for sensor in TOPICS}
+    time_s, unstamped = _stamped(stamps, arrival_s, STATUS in kinds)
     values = {s: np.array(rows[s], dtype=np.float64).reshape(-1, WIDTHS[s]) for s in TOPICS}
+    topics = {sensor: topic for topic, sensor in found.items()}
+    rejected = ({'bag': damage} if damage else {}) | unstamped
+    return Recorded(*_columns(time_s, values), arrival_s, tuple(sensors), topics, rejected)
+
+
+def _stamped(
+    stamps: dict[str, list[int]], arrival_s: dict[str, Array], bare_quality: bool
+) -> tuple[dict[str, Array], dict[str, dict[str, int]]]:
+    """Return the stamps of each sensor [s], and counts of those that are times of arrival."""
+    time_s = {sensor: _seconds(ns) for sensor, ns in stamps.items()}
+    counts = {}
+    for sensor, ns in stamps.items():
+        if ns and not any(ns) and not (sensor == QUALITY and bare_quality):
+            time_s[sensor] = arrival_s[sensor]
+            counts[sensor] = {'no_header_stamp': len(ns)}
+    if bare_quality:
+        time_s[QUALITY] = _of_fixes(arrival_s[QUALITY], time_s[GNSS], arrival_s[GNSS])
+    return time_s, counts
+
+
+def _columns(
+    time_s: dict[str, Array], values: dict[str, Array]
+) -> tuple[ImuSeries, Fixes, Qualities, Speeds]:
+    """Return the columns of the sensors, of rows as ``READERS`` give them."""
     fix, quality, speed = values[GNSS], values[QUALITY], values[WHEEL]
-    return Recorded(
-        imu=ImuSeries(time_s[IMU], values[IMU][:, :3], values[IMU][:, 3:]),
-        fixes=Fixes(
+    return (
+        ImuSeries(time_s[IMU], values[IMU][:, :3], values[IMU][:, 3:]),
+        Fixes(
             time_s[GNSS], np.radians(fix[:, 0]), np.radians(fix[:, 1]), fix[:, 2],
             fix[:, 3:12].reshape(-1, 3, 3), fix[:, 12] > 0.5,
         ),
-        qualities=Qualities(time_s[QUALITY], quality[:, 0].astype(np.int64), quality[:, 1]),
-        speeds=Speeds(time_s[WHEEL], speed[:, 0], speed[:, 1]),
-        arrival_s={s: _seconds(logged[s]) for s in TOPICS},
-        sensor=tuple(sensors),
-        topics={sensor: topic for topic, sensor in found.items()},
-        rejected=rejected,
+        Qualities(time_s[QUALITY], quality[:, 0].astype(np.int64), quality[:, 1]),
+        Speeds(time_s[WHEEL], speed[:, 0], speed[:, 1]),
     )  # fmt: skip
 
 

@@ -21,10 +21,10 @@ from track_localization.geodesy import Datum, enu_from_geodetic
 from track_localization.io import bags
 from track_localization.io.gnss import GNSS, IMU, QUALITY, TOPICS, WHEEL, Recorded, read_recorded
 from track_localization.io.start_pose import read_start
-from track_localization.settings import load_yaml, override
+from track_localization.settings import override
 from track_localization.track.centreline import Centreline
-from track_localization.track.track_file import read_track
 from train_localization.config import TrainConfig
+from train_localization.inputs import read_datum, read_line
 from train_localization.measurements import GnssFix, GnssQuality, Measurement, WheelSpeed
 from train_localization.methods import GivenStart
 
@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 
 NODES = ('train_kf',)
 """Sections of a parameter file that hold estimator settings; those of other nodes are skipped."""
+
+FILES, OF_NODE_ONLY = ('track', 'datum.file'), ('datum.', 'frame_', 'turn_sigma_')
+"""Parameters that name files, and beginnings of those that say what the node alone must know."""
 
 TRUTH_TOPIC, START_TOPIC = 'ground_truth/odometry', 'initialpose'
 OUTAGE_S = 5.0
@@ -108,7 +111,7 @@ def read_inputs(args: argparse.Namespace) -> Inputs:
     """
     config, named = TrainConfig(), dict[str, Path]()
     if args.config is not None:
-        config, named = read_parameters(args.config, config, NODES, ('track',), ('datum.',))
+        config, named = read_parameters(args.config, config, NODES, FILES, OF_NODE_ONLY)
     config = override(config, dict(args.set))
     remap = _remapped(args)
     sensors = {sensor: topic for sensor, (topic, _) in TOPICS.items()}
@@ -119,13 +122,13 @@ def read_inputs(args: argparse.Namespace) -> Inputs:
     files = {'bag': args.bag}
     for role, name, given in (
         ('track', 'track.csv', args.track or named.get('track')),
-        ('datum', 'datum.yaml', args.datum),
+        ('datum', 'datum.yaml', args.datum or named.get('datum.file')),
     ):
         path = given or beside(args.bag, name)
         if path is not None:
             files[role] = path
-    datum = read_datum(files['datum']) if 'datum' in files else None
-    track = Centreline.from_track(read_track(files['track'])) if 'track' in files else None
+    datum = read_datum(str(files['datum'])) if 'datum' in files else None
+    track = read_line(str(files['track'])) if 'track' in files else None
     truth, said = _truth(args, remap.get(TRUTH_TOPIC), track)
     pose = read_start(args.bag, remap.get(START_TOPIC, START_TOPIC))
     start = None if pose is None or datum is None else GivenStart(*pose)
@@ -171,21 +174,6 @@ def to_measurements(recorded: Recorded) -> tuple[list[Measurement], dict[str, di
         else:
             measurements.append(one)
     return measurements, {sensor: dict(counts) for sensor, counts in rejected.items()}
-
-
-def read_datum(path: Path) -> Datum:
-    """Read ``datum.yaml``; raise DataError where it cannot be used."""
-    content = load_yaml(path)
-    values = []
-    for name, limit in (('latitude_deg', 90.0), ('longitude_deg', 360.0), ('height_m', 2e4)):
-        value = content.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise DataError(f'{path}: {name} is {value!r}; give a number')
-        if not abs(value) <= limit:
-            raise DataError(f'{path}: {name} is {value}; it must lie within {limit:g}')
-        values.append(float(value))
-    latitude, longitude, height = values
-    return Datum(float(np.radians(latitude)), float(np.radians(longitude)), height)
 
 
 def usable_fixes(
