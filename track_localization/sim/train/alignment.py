@@ -28,17 +28,17 @@ class Angles(NamedTuple):
     """Course, slope and cant (N,) [rad], and how each changes by the metre [rad/m]."""
 
     course: Array
-    slope: Array
-    cant: Array
     course_rate: Array
+    slope: Array
     slope_rate: Array
+    cant: Array
     cant_rate: Array
 
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
     """
-    A line by chainage.
+    A line by chainage; no two curves overlap, and no two changes of slope.
 
     Attributes:
         length: [m].
@@ -64,25 +64,44 @@ class Alignment:
 
     def at(self, s: Array) -> Angles:
         """Return the angles at chainages (N,)."""
-        course, course_rate = np.full_like(s, self.course), np.zeros_like(s)
-        slope, slope_rate = np.zeros_like(s), np.zeros_like(s)
-        cant, cant_rate = np.zeros_like(s), np.zeros_like(s)
-        rows = zip(self.curve, self.transition, self.curvature, self.cant, strict=True)
-        for (begin, end), length, k, lean in rows:
-            up, down = (s - begin) / length, (s - end) / length + 1.0
-            course += k * length * (bloss.area(up) - bloss.area(down))
-            share, share_rate = (
-                bloss.value(up) - bloss.value(down),
-                bloss.slope(up) - bloss.slope(down),
-            )
-            course_rate += k * share
-            cant += lean * share
-            cant_rate += lean * share_rate / length
-        for begin, length, change in zip(self.bend, self.bend_length, self.bend_slope, strict=True):
-            x = (s - begin) / length
-            slope += change * bloss.value(x)
-            slope_rate += change * bloss.slope(x) / length
-        return Angles(course, slope, cant, course_rate, slope_rate, cant_rate)
+        return Angles(*self._in_plan(s), *self._in_profile(s), *self._across(s))
+
+    def _in_plan(self, s: Array) -> tuple[Array, Array]:
+        """Return course and curvature (N,)."""
+        if not len(self.curve):
+            return np.full_like(s, self.course), np.zeros_like(s)
+        begin, end = self.curve.T
+        turns = self.curvature * (end - begin - self.transition)
+        before = self.course + np.cumsum(turns) - turns
+        i, up, down = self._ramps(s)
+        way = self.transition[i] * (bloss.area(up) - bloss.area(down))
+        share = bloss.value(up) - bloss.value(down)
+        return before[i] + self.curvature[i] * way, self.curvature[i] * share
+
+    def _across(self, s: Array) -> tuple[Array, Array]:
+        """Return cant (N,) and how it changes."""
+        if not len(self.curve):
+            return np.zeros_like(s), np.zeros_like(s)
+        i, up, down = self._ramps(s)
+        steepness = (bloss.slope(up) - bloss.slope(down)) / self.transition[i]
+        return self.cant[i] * (bloss.value(up) - bloss.value(down)), self.cant[i] * steepness
+
+    def _in_profile(self, s: Array) -> tuple[Array, Array]:
+        """Return slope (N,) and how it changes."""
+        if not len(self.bend):
+            return np.zeros_like(s), np.zeros_like(s)
+        before = np.cumsum(self.bend_slope) - self.bend_slope
+        i = _last(self.bend, s)
+        x = (s - self.bend[i]) / self.bend_length[i]
+        change = self.bend_slope[i]
+        return before[i] + change * bloss.value(x), change * bloss.slope(x) / self.bend_length[i]
+
+    def _ramps(self, s: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """Return the last curve begun (N,), and how far its two transitions are run through."""
+        begin, end = self.curve.T
+        i = _last(begin, s)
+        length = self.transition[i]
+        return i, (s - begin[i]) / length, (s - end[i]) / length + 1.0
 
 
 def set_out(rng: Generator, config: Line, length: float, speed: float) -> Alignment:
@@ -138,3 +157,8 @@ def _bends(rng: Generator, config: Line, length: float) -> tuple[Array, Array, A
         slope = wanted
         s += max(bend, distance)
     return np.array(begins), np.array(lengths), np.array(changes)
+
+
+def _last(begin: Array, s: Array) -> NDArray[np.int64]:
+    """Return the last of the places (K,) not beyond chainages (N,), the first before it."""
+    return np.maximum(np.searchsorted(begin, s, 'right') - 1, 0)

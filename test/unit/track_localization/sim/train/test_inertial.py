@@ -97,12 +97,12 @@ def test_noise_adds_up_to_the_random_walk():
 
 def test_the_wandering_part_is_gauss_markov():
     """
-    Unit variance from the first sample on, and 1 / e after 300 s.
+    Unit variance from the first sample on, and 1 / e after the correlation time, here of 15 s.
 
-    50 runs of 320 s and three axes: correlations are 8 % uncertain, sigmas 6 %.
+    50 runs of 20 s and three axes: correlations are 8 % uncertain, sigmas 6 %.
     """
     settings = alone(gyro_in_run_dph=2.0, accel_in_run_mg=0.1)
-    settings |= {'imu.rate_hz': 5.0, 'motion.distance_m': 17.6e3, 'motion.duration_s': 320.0}
+    settings['imu.in_run_s'] = 15.0
     f, w = zip(*(errors(seed, **settings) for seed in range(50)), strict=True)
     for e, sigma in ((np.array(w) / DPH, 2.0), (np.array(f) / MG, 0.1)):
         first, last = e[:, 0].ravel(), e[:, 1500].ravel()

@@ -15,6 +15,7 @@ from track_localization.sim.train.alignment import Alignment
 from track_localization.sim.train.route import Route, gravity
 
 PERFECT = {'imu.rate_hz': 1000.0, 'clock.truth_rate_hz': 1000.0, 'motion.legs': 1}
+PERFECT['survey.given'] = False
 PERFECT |= {
     f'imu.{name}': 0.0
     for name in (
