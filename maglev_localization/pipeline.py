@@ -18,6 +18,11 @@ from track_localization.track.balise_table import BaliseTable
 BEYOND_M = 1000.0
 """How far the line goes on behind the last balise, where its length is not told [m]."""
 
+JUMP_S = 5.0
+"""A stamp so far ahead is believed when the next confirms it [s]."""
+RESTART_S = 5.0
+"""Stamps that stay behind for so long are those of a recording that starts over [s]."""
+
 
 class MaglevPipeline:
     """
@@ -44,10 +49,22 @@ class MaglevPipeline:
 
     def reset(self) -> None:
         """Forget everything; the next measurement starts anew."""
-        make = InOrderCore if self._config.method == 'paper' else ReplayingCore
-        self._core: InOrderCore | ReplayingCore = make(self._config, self._balises, self._length)
-        self._stamps, self._unusable = Stamps(self._config.horizon_s), Rejections()
+        self._stamps = Stamps(self._config.horizon_s, jump_s=JUMP_S, restart_s=RESTART_S)
+        self._unusable = Rejections()
         self._latest: Estimate | None = None
+        self._core = self._make_core()
+
+    def _make_core(self) -> InOrderCore | ReplayingCore:
+        make = InOrderCore if self._config.method == 'paper' else ReplayingCore
+        return make(self._config, self._balises, self._length)
+
+    def _start_over(self) -> None:
+        """Start anew, and go on counting."""
+        before, self._core = self._core, self._make_core()
+        self._core.health.changes.extend(before.health.changes)
+        for sensor, reasons in before.rejections.as_dict().items():
+            for reason, count in reasons.items():
+                self._unusable.add(sensor, reason, count)
 
     @property
     def rejected(self) -> dict[str, dict[str, int]]:
@@ -67,7 +84,7 @@ class MaglevPipeline:
             return 'bad_variance'
         if not -BEYOND_M <= chainage <= self._length + BEYOND_M:
             return 'off_the_line'
-        self._core.set_start(chainage, variance)
+        self._core.set_start(chainage, min(variance, self._length**2))
         return None
 
     def push(self, measurement: Measurement) -> list[Estimate]:
@@ -77,6 +94,8 @@ class MaglevPipeline:
         if reason is not None:
             self._unusable.add(sensor, reason)
             return []
+        if self._stamps.restarted:
+            self._start_over()
         if self._stamps.gap_s > 0.0:
             self._core.after_gap(self._stamps.gap_s)
         estimate = self._core.take(measurement)
