@@ -10,7 +10,7 @@ import numpy as np
 
 from maglev_localization import bank, hearing
 from maglev_localization.config import MaglevConfig
-from maglev_localization.counting import ALIVE_S
+from maglev_localization.counting import ALIVE_S, Counting
 from maglev_localization.estimate import Estimate
 from maglev_localization.health import SensorHealth
 from maglev_localization.kalman_filter import KalmanFilter
@@ -68,7 +68,7 @@ class ReplayingCore:
         self._first_s = math.nan
         self._latest: Estimate | None = None
         self._published_s = -math.inf
-        self._unseen_m = 0.0
+        self._memory, self._unseen_m = Counting.begin(math.nan), 0.0
 
     def set_start(self, chainage: float, variance: float) -> None:
         """Start at the next measurement, from a chainage [m] and its variance [m^2]."""
@@ -98,8 +98,7 @@ class ReplayingCore:
             return None
         if replayed:
             self.events[f'{sensor}.late'] += 1
-        else:
-            self._note(sensor, measurement, self._history.state)
+        self._note(sensor, measurement, self._history.state_before(replayed))
         return None if time_s < newest else self._publish(sensor, time_s, self._history.state)
 
     def figures(self) -> dict[str, float | str]:
@@ -138,10 +137,10 @@ class ReplayingCore:
         return History(self._filter.apply, state, time_s, self._config.horizon_s)
 
     def _note(self, sensor: str, measurement: Measurement, state: Any) -> None:
-        """Count what became of the newest measurement."""
+        """Count what became of a measurement; ``state`` is that just after it."""
         if isinstance(state, Bank):
             reason = REFUSED.get(state.says, '')
-            if isinstance(measurement, BalisePassing) and reason != 'gate':
+            if isinstance(measurement, BalisePassing):
                 known = self._balises.index(measurement.balise) is not None
                 reason = reason if known else 'unknown_id'
             if state.says in EVENTS:
@@ -159,9 +158,16 @@ class ReplayingCore:
         if sensor == LOOP and not (quiet and state.fused_s == time_s):
             return None
         estimate: Estimate = self._filter.estimate(state)
-        elapsed = min(max(estimate.time_s - self._published_s, 0.0), ALIVE_S)
-        counted = state.memory.changed_s >= self._published_s
-        self._unseen_m = 0.0 if counted else self._unseen_m + abs(estimate.speed) * elapsed
+        self._watch_count(state.memory, abs(estimate.speed))
         self.health.judge(time_s, self._unseen_m)
         self._published_s, self._latest = estimate.time_s, estimate
         return estimate
+
+    def _watch_count(self, memory: Counting, speed: float) -> None:
+        """Add up how far the train went while readings came that repeat the count."""
+        before, self._memory = self._memory, memory
+        heard_s = memory.sampled_s - before.sampled_s
+        if memory.changed_s != before.changed_s:
+            self._unseen_m = 0.0
+        elif heard_s > 0.0:
+            self._unseen_m += speed * min(heard_s, ALIVE_S)

@@ -45,6 +45,10 @@ class History(Generic[S, M]):
         """The state after the newest measurement."""
         return self._states[-1]
 
+    def state_before(self, count: int) -> S:
+        """Return the state before the newest ``count`` measurements; of those kept, the oldest."""
+        return self._states[max(len(self._states) - 1 - count, 0)]
+
     @property
     def newest_s(self) -> float:
         """Stamp of the newest measurement [s]."""

@@ -59,3 +59,13 @@ def test_trimming_is_not_counted_as_replaying():
     """In order nothing is replayed, however often the history forgets."""
     history = History(lambda state, z: state + z, 0.0, 0.0, horizon_s=1.0)
     assert [history.add(0.1 * k, 1.0) for k in range(1, 100)] == [0] * 99
+
+
+def test_the_state_just_after_a_late_measurement():
+    """It stands before all that was replayed; of what is forgotten, the oldest state stands in."""
+    history = run([(1.0, 5.0, 0), (3.0, 7.0, 0), (4.0, 9.0, 0)])
+    replayed = history.add(2.0, 11.0)
+    assert replayed == 2
+    assert history.state_before(replayed) == pytest.approx(apply(apply(1.0, 5.0), 11.0))
+    assert history.state_before(0) == history.state
+    assert history.state_before(99) == 1.0
