@@ -79,7 +79,7 @@ class WheelConfig:
     mounting_sigma_deg: float = setting(0.5, 'deg', 'of the IMU in the car, yaw and pitch', 0.0, 45)
     delay_s: float = setting(0.05, 's', 'how old a speed is at its stamp', 0.0, 5.0)
     gate: float = setting(16.0, '', 'NIS above which a speed is slip', 1.0, 1e6)
-    recover_after: int = setting(80, '', 'refused in a row: the filter is wrong', 1, 10000)
+    recover_after: int = setting(300, '', 'refused in a row: the filter is wrong', 1, 10000)
     nonholonomic: bool = setting(True, '', 'the train does not move across its rails')
     constraint_rate_hz: float = setting(10.0, 'Hz', 'how often rails forbid', 0.1, 200.0)
 

@@ -14,6 +14,9 @@ from train_localization.placing import Placing
 
 Array = NDArray[np.float64]
 
+MAX_VARIANCE = 1e14
+"""An estimate that unsure is none [m^2], [m^2/s^2], [rad^2]."""
+
 
 @dataclasses.dataclass(frozen=True)
 class PosedEstimate:
@@ -41,6 +44,15 @@ class PosedEstimate:
     twist_covariance: Array
     chainage: float | None
     sigma_along: float | None
+
+    @property
+    def sane(self) -> bool:
+        """Whether these are numbers, and the covariances can be some."""
+        values = (self.position, self.quaternion, self.velocity_body, self.angular_rate)
+        if not all(np.isfinite(x).all() for x in values):
+            return False
+        spreads = np.concatenate([np.diag(self.pose_covariance), np.diag(self.twist_covariance)])
+        return bool(spreads.min() > 0.0 and spreads.max() < MAX_VARIANCE)
 
 
 def posed(estimate: Estimate, turn_sigma: float) -> PosedEstimate:

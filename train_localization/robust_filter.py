@@ -25,6 +25,8 @@ LOST_AFTER_S = 2.5
 """Without a fix for so long there is an outage [s]."""
 STILL_AFTER_S, STILL_MPS = 1.0, 0.02
 """A train whose odometer reads less than this for so long stands."""
+NEARLY_MPS = 2.0
+"""An odometer that reads nothing while the train is faster is stuck [m/s]."""
 STILL_SIGMA_MPS, STILL_SIGMA_RADPS = 0.02, 3e-4
 LEAST_MPS = 3.0
 """Rails and the line's direction tell something of a train that is faster [m/s]."""
@@ -227,7 +229,8 @@ class RobustFilter:
         nav, aux, P = state.nav, state.aux, state.P
         speed = kernels.speed_of(nav)
         heard = now - state.wheel_s < ALONE_S
-        if heard and now - state.moved_s > STILL_AFTER_S:
+        stands = now - state.moved_s > STILL_AFTER_S and speed < NEARLY_MPS
+        if heard and stands and state.refused_wheel == 0:
             kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
         elif (
             wheel.nonholonomic

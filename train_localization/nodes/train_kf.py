@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -52,6 +53,7 @@ class TrainKfNode(EstimatorNode):
         super().__init__('train_kf', inputs.NodeConfig(), inputs.PARAMETERS, **options)
         self.line, datum = inputs.read_files(self.config)
         self.filter = make_filter(self.config, self.line, datum)
+        self._diverged = 0
         if warm_up:
             datum = datum or SOMEWHERE
             self._warm_up(make_filter(self.config, self.line, datum), datum)
@@ -128,16 +130,33 @@ class TrainKfNode(EstimatorNode):
         read = convert.full_pose(msg, self.config.frame_map)
         self._started(msg, read if isinstance(read, str) else self.filter.set_start(*read))
 
+    def _push(self, stream: StreamHealth, measurement: Any) -> None:
+        try:
+            super()._push(stream, measurement)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            self._begin_anew(str(error))
+
+    def _begin_anew(self, why: str) -> None:
+        """Let the filter start again: its numbers are none, and no measurement mends them."""
+        self._diverged += 1
+        self.get_logger().warning(f'the filter begins anew: {why}', throttle_duration_sec=10.0)
+        self.filter.reset()
+
     def _publish(self, estimate: Estimate) -> None:
-        super()._publish(posed(estimate, self.config.turn_sigma_radps))
+        pose = posed(estimate, self.config.turn_sigma_radps)
+        if not pose.sane:
+            self._begin_anew(f'no estimate at {estimate.time_s:.2f} s')
+            return
+        super()._publish(pose)
         covariance = level_covariance(estimate, self.filter.datum)
         convert_gnss.fill_fix(self._fix, estimate.time_s, estimate.geodetic, covariance)
         self._fix_pub.publish(self._fix)
 
     def _figures(self) -> Mapping[str, float | str]:
-        """Return the core's figures, and what spoke against the map."""
+        """Return the core's figures, its fresh starts, and what spoke against the map."""
         against = self.filter.rejected.get('map', {})
-        return {**super()._figures(), **{f'map.{why}': n for why, n in against.items()}}
+        own = {'diverged': self._diverged, **{f'map.{why}': n for why, n in against.items()}}
+        return {**super()._figures(), **own}
 
 
 def main(args: list[str] | None = None) -> int:
