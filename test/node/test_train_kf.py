@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -376,3 +377,24 @@ def test_diagnostics_tell_mode_sensors_and_map(ros, fake):
     assert (told['rejected.gate'], told['rejected.empty_frame']) == ('2', '1')
     assert status[': wheel'].message == 'wheel: no messages'
     assert status[': quality'].level == DiagnosticStatus.OK
+
+
+@pytest.mark.parametrize('broken', ['nan', 'negative', 'raised'])
+def test_a_filter_whose_numbers_are_none_begins_anew(fake, broken):
+    node = fake()
+
+    def push(measurement):
+        if broken == 'raised':
+            raise np.linalg.LinAlgError('singular matrix')
+        given = estimate(measurement.time_s)
+        if broken == 'nan':
+            return [dataclasses.replace(given, position=np.array([0.0, math.nan, 0.0]))]
+        return [dataclasses.replace(given, covariance=-given.covariance)]
+
+    node.filter.push = push
+    node.on_wheel(wheel(10.0))
+    assert (node.filter.resets, len(node._path)) == (1, 0)
+    assert node._figures()['diverged'] == 1
+    del node.filter.push
+    node.on_wheel(wheel(11.0))
+    assert len(node._path) == 1

@@ -147,8 +147,11 @@ class TrainKfNode(EstimatorNode):
         if not pose.sane:
             self._begin_anew(f'no estimate at {estimate.time_s:.2f} s')
             return
+        datum = self.filter.datum
+        if datum is None:  # begun anew within this batch
+            return
         super()._publish(pose)
-        covariance = level_covariance(estimate, self.filter.datum)
+        covariance = level_covariance(estimate, datum)
         convert_gnss.fill_fix(self._fix, estimate.time_s, estimate.geodetic, covariance)
         self._fix_pub.publish(self._fix)
 
