@@ -217,7 +217,7 @@ def _one_each(jitter: Array, w: Array, count: int) -> Indices:
         out[begin + 1] = index
         for n in range(begin + 2, end):
             out[n] = index
-        begin = max(begin, end)
+        begin = end
     # Rounding may leave the last strata out.
     out[begin:count] = _last(w)
     return out[:count]

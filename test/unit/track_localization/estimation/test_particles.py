@@ -111,6 +111,17 @@ def test_particles_without_weight_are_never_drawn(scheme, rng):
 
 
 @pytest.mark.parametrize('scheme', SCHEMES)
+@pytest.mark.parametrize('excess', [-5e-7, 5e-7])
+def test_weights_that_miss_one_by_rounding(scheme, excess, rng):
+    """A sum short of one leaves no place to nobody, one beyond does not draw too many."""
+    w = np.array([0.25, 0.75 + excess, 0.0])
+    for _ in range(50):
+        indices = particles.RESAMPLING[scheme](w, rng, 40)
+        assert len(indices) == 40
+        assert set(indices) <= {0, 1}
+
+
+@pytest.mark.parametrize('scheme', SCHEMES)
 def test_all_weight_on_one_particle(scheme, rng):
     for at in (0, 11, 29):
         w = np.zeros(30)
