@@ -93,11 +93,7 @@ def mechanise(nav: Array, w: Array, f: Array, w_before: Array, f_before: Array, 
     v = (nav[3], nav[4], nav[5])
     half = 0.5 * dt
     rotation, increment = _body_increments(
-        (w[0], w[1], w[2]),
-        (f[0], f[1], f[2]),
-        (w_before[0], w_before[1], w_before[2]),
-        (f_before[0], f_before[1], f_before[2]),
-        dt,
+        quat.vector(w), quat.vector(f), quat.vector(w_before), quat.vector(f_before), dt
     )
     push = quat.rotate(q, increment)
 

@@ -82,6 +82,12 @@ def dynamics(nav: Array, f: Array, w: Array, dt: float, F: Array) -> None:
     _rate_column(F, C, 2, v, none, (-x / along, -y / across, -z / across))
     _rate_column(F, C, 3, v, none, (0.0, 1.0 / across, tan / across))
     _rate_column(F, C, 4, v, none, (-1.0 / along, 0.0, 0.0))
+    _body_columns(F, C, f, w)
+
+
+@numba.njit(cache=True)
+def _body_columns(F: Array, C: Array, f: Array, w: Array) -> None:
+    """Fill in what attitude and biases do to velocity and attitude."""
     for i in range(3):
         F[3 + i, 6] = C[i, 2] * f[1] - C[i, 1] * f[2]
         F[3 + i, 7] = C[i, 0] * f[2] - C[i, 2] * f[0]

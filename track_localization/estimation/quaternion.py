@@ -16,6 +16,12 @@ Quaternion = tuple[float, float, float, float]
 
 
 @numba.njit(cache=True)
+def vector(a: Array) -> Vector:
+    """Return an array (3,) as a tuple."""
+    return a[0], a[1], a[2]
+
+
+@numba.njit(cache=True)
 def cross(a: Vector, b: Vector) -> Vector:
     """Return the cross product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
