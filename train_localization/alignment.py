@@ -115,7 +115,7 @@ class Alignment:
         """Take an odometer's speed."""
         if self._speed is not None and speed.time_s > self._speed.time_s:
             gain = (speed.speed - self._speed.speed) / (speed.time_s - self._speed.time_s)
-            share = min(speed.time_s - self._speed.time_s, 1.0)
+            share = 1.0 if self._gain == 0.0 else min(speed.time_s - self._speed.time_s, 1.0)
             self._gain += share * (gain - self._gain)
         self._speed = speed
 
