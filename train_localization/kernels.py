@@ -88,7 +88,7 @@ def predict(
     w, f = np.empty(3), np.empty(3)
     w_before, f_before = before[:3] - aux[:3], before[3:] - aux[3:6]
     w_mean, f_mean = np.zeros(3), np.zeros(3)
-    begin = time_s
+    begin, first = time_s, nav.copy()
     for i in range(m):
         for k in range(3):
             w[k] = rates[i, k] - aux[k]
@@ -105,9 +105,9 @@ def predict(
     span = time_s - begin
     if span <= 0.0:
         return
-    error_transition(nav, f_mean / span, w_mean / span, span, Phi)
+    error_transition(first, f_mean / span, w_mean / span, span, Phi)
     Q = np.zeros((INERTIAL, INERTIAL))
-    process_noise(nav, span, noise.gyro, noise.accel, noise.gyro_bias, noise.accel_bias, Q)
+    process_noise(first, span, noise.gyro, noise.accel, noise.gyro_bias, noise.accel_bias, Q)
     spread(P, Phi, Q, span, noise)
 
 
