@@ -101,7 +101,8 @@ class PaperConfig:
     """The paper's SINS/DR filter."""
 
     fading: bool = setting(True, '', 'its adaptive fading factor, eq. (6)')
-    dr_sigma_m: float = setting(0.1, 'm', 'of p_SINS - p_DR', 1e-4, 100.0)
+    fading_limit: float = setting(1.05, '', 'greatest factor at once', 1.0, 1e6)
+    dr_sigma_m: float = setting(1.0, 'm', 'of p_SINS - p_DR', 1e-4, 100.0)
     gnss_sigma_m: float = setting(1.0, 'm', 'least sigma of a fix', 1e-3, 100.0)
     scale_sigma: float = setting(0.002, '', "of the odometer's scale", 0.0, 0.5)
 

@@ -40,24 +40,34 @@ FADING_MEMORY = 0.95
 
 
 @njit(cache=True)
-def fade(P: Array, h: Array, R: float, nu: float, V: float) -> float:
+def fade(P: Array, h: Array, R: float, nu: float, V: float, limit: float) -> float:
     """
     Raise ``P`` by the adaptive single fading factor of one channel, eqs (6), (10), in place.
 
     ``V`` is the channel's innovation variance before; return it with ``nu`` in it. NaN begins it.
+    The paper knows no ``limit``; without one an error that is no noise, such as a slipping wheel,
+    multiplies P beyond all bounds.
     """
     V = nu * nu if math.isnan(V) else (FADING_MEMORY * V + nu * nu) / (1.0 + FADING_MEMORY)
     hPh = h @ P @ h
     if hPh > 0.0:
         factor = (V - R) / hPh
         if factor > 1.0:
-            P *= factor
+            P *= min(factor, limit)
     return V
 
 
 @njit(cache=True)
 def correct(
-    nav: Array, aux: Array, P: Array, ahead: Array, R: Array, other: int, axes: int, V: Array
+    nav: Array,
+    aux: Array,
+    P: Array,
+    ahead: Array,
+    R: Array,
+    other: int,
+    axes: int,
+    V: Array,
+    limit: float,
 ) -> None:
     """
     Correct the navigation by a position ``ahead`` (3,) of it [m], one axis after the other.
@@ -72,7 +82,7 @@ def correct(
         if other >= 0:
             h[other + k] = -1.0
         if not math.isinf(V[k]):
-            V[k] = fade(P, h, R[k], ahead[k] - h @ dx, V[k])
+            V[k] = fade(P, h, R[k], ahead[k] - h @ dx, V[k], limit)
         update(P, h, R[k], ahead[k], dx)
     kernels.give(nav, aux, dx)
 
@@ -126,7 +136,7 @@ class PaperFilter:
         ahead -= nav[3:6] * (fix.time_s - state.time_s)
         R = np.maximum(np.diag(fix.covariance), self._config.paper.gnss_sigma_m**2)
         off = np.full(3, math.inf)
-        correct(nav, state.aux[:10], state.P, ahead, R, -1, heard.axes, off)
+        correct(nav, state.aux[:10], state.P, ahead, R, -1, heard.axes, off, 1.0)
         self._set_dead_reckoning(state)
         return state._replace(fixed_s=fix.time_s, axes=heard.axes)
 
@@ -147,7 +157,7 @@ class PaperFilter:
         settling = state.time_s - state.began_s < SETTLING_S
         V = np.full(3, math.inf) if settling else aux[10:13]
         moved = nav[:3].copy()
-        correct(nav, aux[:10], P, ahead, R, DR, 3, V)
+        correct(nav, aux[:10], P, ahead, R, DR, 3, V, self._config.paper.fading_limit)
         aux[6:9] -= -kernels.apart(nav, moved[0], moved[1], moved[2])
         return state
 
