@@ -53,7 +53,7 @@ def fade(P: Array, h: Array, R: float, nu: float, V: float, limit: float) -> flo
     if hPh > 0.0:
         factor = (V - R) / hPh
         if factor > 1.0:
-            P *= min(factor, limit)
+            P[:] = P * min(factor, limit)
     return V
 
 

@@ -181,9 +181,14 @@ class TrainPipeline:
             self._note(sensor, state)
         if sensor != IMU or heard.time_s < newest:
             return []
-        self._latest = self.estimate(state)
-        self.mode = self._latest.mode
-        return [self._latest]
+        estimate = self.estimate(state)
+        if not sane(estimate):
+            self._rejections.add('filter', 'diverged')
+            self._align()
+            self.mode = ALIGNING
+            return []
+        self._latest, self.mode = estimate, estimate.mode
+        return [estimate]
 
     def _begin(self, heard: Stretch | Fix | WheelSpeed) -> list[Estimate]:
         """Look for a start; make the filter when there is one."""
@@ -303,6 +308,12 @@ class TrainPipeline:
         out |= {f'nis.{sensor}': round(nis, 3) for sensor, nis in self._nis.items()}
         out['late'] = self._late
         return out
+
+
+def sane(estimate: Estimate) -> bool:
+    """Whether an estimate is one: finite, of positive variances."""
+    variances = np.diag(estimate.covariance)
+    return bool(np.isfinite(estimate.position).all() and (variances > 0.0).all())
 
 
 def with_method(config: TrainConfig, method: str) -> TrainConfig:

@@ -275,3 +275,14 @@ def test_a_start_needs_a_datum_and_numbers(run):
     assert pipeline.set_start(*told) == 'no_datum'
     pipeline = TrainPipeline(TrainConfig(), None, run.datum)
     assert pipeline.set_start(told[0], told[1] * np.nan, *told[2:]) == 'not_finite'
+
+
+def test_a_filter_that_diverges_starts_anew_and_is_counted(run, stream):
+    """The covariance is spoilt from outside; what comes out stays finite, and it goes on."""
+    pipeline = Outcome(run, stream[:9000]).pipeline
+    entries = list(pipeline.entries())
+    entries[-1][2].P[:] = np.nan
+    told = [e for m in stream[9000:16000] for e in pipeline.push(m)]
+    assert pipeline.rejected['filter'] == {'diverged': 1}
+    assert told
+    assert all(np.isfinite(e.covariance).all() for e in told)
