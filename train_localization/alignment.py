@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from track_localization.estimation import so3
+from track_localization.estimation.earth import EARTH_RATE
 from track_localization.estimation.imu import ImuSample
 from track_localization.geodesy import Datum, enu_from_geodetic
 from train_localization.config import AlignmentConfig
@@ -21,6 +22,8 @@ LEVEL_OVER_S = 1.0
 """Gravity is averaged over so long under way [s]."""
 STILL_RATE, STILL_FORCE = 0.01, 0.1
 """A train whose IMU varies less stands, 1 sigma over the rest [rad/s], [m/s^2]."""
+LEAST_MPS = 0.1
+"""Between fixes that tell a course, a train is no slower than this [m/s]."""
 YAW_LEAST_DEG = 0.3
 FIX_WHITE_M = 0.5
 LONGEST_S = 10.0
@@ -42,7 +45,7 @@ class Start(NamedTuple):
         velocity: (3,) east, north, up [m/s].
         quaternion: (4,) body to east, north, up.
         covariance: (9, 9) of position, velocity, attitude in the body.
-        gyro_bias: (3,) seen while the train stood [rad/s].
+        gyro_bias: (3,) seen while the train stood, without the Earth's rate [rad/s].
         rested: whether it did.
     """
 
@@ -91,10 +94,11 @@ class Alignment:
         self._config = config
         self._samples: deque[ImuSample] = deque()
         self._resting: list[ImuSample] = []
-        self._gyro_bias, self._rested = np.zeros(3), False
-        self._fixes: deque[tuple[GnssFix, float]] = deque()
-        self._yaw = 0.0
-        self._yaws: deque[tuple[float, float]] = deque()
+        self._rest_rate, self._rest_force, self._rests = np.zeros(3), np.zeros(3), 0
+        self._rest_yaw, self._rested = 0.0, False
+        self._fixes: deque[GnssFix] = deque()
+        self._yaw, self._place = 0.0, np.zeros(2)
+        self._path: deque[tuple[float, float, float, float]] = deque()
         self._speed: WheelSpeed | None = None
         self._gain = 0.0
         self.start: Start | None = None
@@ -102,13 +106,18 @@ class Alignment:
     def imu(self, sample: ImuSample) -> None:
         """Take an IMU sample."""
         before = self._samples[-1] if self._samples else sample
-        self._yaw += float(sample.angular_rate[2]) * max(sample.time_s - before.time_s, 0.0)
+        elapsed = max(sample.time_s - before.time_s, 0.0)
+        self._yaw += float(sample.angular_rate[2] - self._rest_rate[2]) * elapsed
+        speed = 1.0 if self._speed is None else max(abs(self._speed.speed), LEAST_MPS)
+        self._place = self._place + speed * elapsed * np.array(
+            [math.cos(self._yaw), math.sin(self._yaw)]
+        )
         self._samples.append(sample)
-        self._yaws.append((sample.time_s, self._yaw))
+        self._path.append((sample.time_s, self._yaw, *self._place))
         while self._samples[0].time_s < sample.time_s - LEVEL_OVER_S:
             self._samples.popleft()
-        while self._yaws[0][0] < sample.time_s - LONGEST_S:
-            self._yaws.popleft()
+        while self._path[0][0] < sample.time_s - LONGEST_S:
+            self._path.popleft()
         self._rest(sample)
 
     def wheel(self, speed: WheelSpeed) -> None:
@@ -121,16 +130,16 @@ class Alignment:
 
     def gnss(self, fix: GnssFix) -> None:
         """Take a fix; set ``start`` when it tells the course."""
-        self._fixes.append((fix, self._yaw))
-        while self._fixes[0][0].time_s < fix.time_s - LONGEST_S:
+        self._fixes.append(fix)
+        while self._fixes[0].time_s < fix.time_s - LONGEST_S:
             self._fixes.popleft()
-        while len(self._fixes) > FEW and self._far(self._fixes[-FEW][0], fix):
+        while len(self._fixes) > FEW and self._far(self._fixes[-FEW], fix):
             self._fixes.popleft()
         if len(self._samples) < 3 or self._samples[-1].time_s < fix.time_s - 1.0:
             return
-        first = self._fixes[0][0]
+        first = self._fixes[0]
         datum = Datum(first.latitude, first.longitude, first.height)
-        places = np.array([[f.latitude, f.longitude, f.height] for f, _ in self._fixes])
+        places = np.array([[f.latitude, f.longitude, f.height] for f in self._fixes])
         way = enu_from_geodetic(places[:, 0], places[:, 1], places[:, 2], datum)
         distance = float(np.hypot(*way[-1, :2]))
         if distance < self._config.course_m or len(way) < 3 or not self._smooth(way):
@@ -145,9 +154,9 @@ class Alignment:
 
     def _smooth(self, way: Array) -> bool:
         """Whether all fixes agree with a straight way at constant speed, and the odometer's."""
-        times = np.array([f.time_s for f, _ in self._fixes])
+        times = np.array([f.time_s for f in self._fixes])
         elapsed = times[-1] - times[0]
-        claimed = math.sqrt(float(np.trace(self._fixes[-1][0].covariance[:2, :2])))
+        claimed = math.sqrt(float(np.trace(self._fixes[-1].covariance[:2, :2])))
         distance = float(np.hypot(*way[-1, :2]))
         straight = np.outer((times - times[0]) / elapsed, way[-1])
         apart = np.hypot(*(way - straight)[:, :2].T).max()
@@ -171,28 +180,51 @@ class Alignment:
             and rates.std(axis=0).max() < STILL_RATE
             and forces.std(axis=0).max() < STILL_FORCE
         ):
-            mean = rates.mean(axis=0)
-            if np.abs(mean).max() < STILL_RATE:
-                self._gyro_bias, self._rested = mean, True
+            self._have_rested(rates.mean(axis=0), forces.mean(axis=0))
+        else:
+            self._rests = 0
         self._resting = [sample]
 
+    def _have_rested(self, rate: Array, force: Array) -> None:
+        """Take means over a rest; those of rests that follow one another are one longer rest."""
+        if np.abs(rate).max() >= STILL_RATE:
+            return
+        self._rests += 1
+        if self._rests == 1:
+            self._rest_rate, self._rest_force = np.zeros(3), np.zeros(3)
+        self._rest_rate = self._rest_rate + (rate - self._rest_rate) / self._rests
+        self._rest_force = self._rest_force + (force - self._rest_force) / self._rests
+        self._rest_yaw, self._rested = self._yaw, True
+
+    def _gyro_bias(self, latitude: float, course: float) -> Array:
+        """Return what the gyros showed at rest but for the Earth, ``course`` being that of now."""
+        if not self._rested:
+            return np.zeros(3)
+        roll, pitch = _level(self._rest_force)
+        R = so3.matrix_from_rpy(roll, pitch, course - self._yaw + self._rest_yaw)
+        earth = EARTH_RATE * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+        bias: Array = self._rest_rate - R.T @ earth
+        return bias
+
+    def _course(self, way: Array) -> float:
+        """Return the course at the last fix: of the way told by odometer and gyro, turned."""
+        path = np.array(self._path)
+        times = np.array([self._fixes[0].time_s, self._fixes[-1].time_s])
+        yaw, x, y = (np.interp(times, path[:, 0], path[:, k]) for k in (1, 2, 3))
+        run = math.atan2(y[1] - y[0], x[1] - x[0])
+        return float(yaw[1]) - run + math.atan2(way[-1, 1], way[-1, 0])
+
     def _make(self, fix: GnssFix, way: Array, distance: float) -> Start:
-        times = np.array([f.time_s for f, _ in self._fixes])
-        yaws = np.interp(
-            np.linspace(times[0], times[-1], 50),
-            [t for t, _ in self._yaws],
-            [yaw for _, yaw in self._yaws],
-        )
-        course = math.atan2(way[-1, 1], way[-1, 0]) + float(yaws[-1] - yaws.mean())
+        times = np.array([f.time_s for f in self._fixes])
+        course = self._course(way)
         elapsed = times[-1] - times[0]
         speed = distance / elapsed
         if self._speed is not None and fix.time_s - self._speed.time_s < 1.5:
             speed = self._speed.speed
         forces = np.mean([s.specific_force for s in self._samples], axis=0)
-        rates = np.mean([s.angular_rate for s in self._samples], axis=0) - self._gyro_bias
+        rates = np.mean([s.angular_rate for s in self._samples], axis=0) - self._rest_rate
         level = forces - np.array([self._gain, speed * rates[2], -speed * rates[1]])
-        roll = math.atan2(level[1], level[2])
-        pitch = math.atan2(-level[0], math.hypot(level[1], level[2]))
+        roll, pitch = _level(level)
         R = so3.matrix_from_rpy(roll, pitch, course)
         climb = float(way[-1, 2]) / elapsed if abs(way[-1, 2]) < 0.1 * distance else 0.0
         velocity = np.array([speed * math.cos(course), speed * math.sin(course), climb])
@@ -214,6 +246,14 @@ class Alignment:
             velocity,
             so3.quat_from_matrix(R),
             np.diag(sigma**2),
-            self._gyro_bias.copy(),
+            self._gyro_bias(fix.latitude, course),
             self._rested,
         )
+
+
+def _level(force: Array) -> tuple[float, float]:
+    """Return roll and pitch [rad] at which gravity alone would be felt like ``force`` (3,)."""
+    return (
+        math.atan2(force[1], force[2]),
+        math.atan2(-force[0], math.hypot(force[1], force[2])),
+    )

@@ -51,7 +51,7 @@ def fade(P: Array, h: Array, R: float, nu: float, V: float, limit: float) -> flo
     V = nu * nu if math.isnan(V) else (FADING_MEMORY * V + nu * nu) / (1.0 + FADING_MEMORY)
     hPh = h @ P @ h
     if hPh > 0.0:
-        factor = (V - R) / hPh
+        factor = float((V - R) / hPh)
         if factor > 1.0:
             P[:] = P * min(factor, limit)
     return V
