@@ -7,9 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from maglev_localization.methods import METHODS, run_methods
-
 from maglev_localization.config import MaglevConfig
+from maglev_localization.methods import METHODS, run_methods
 from track_localization.cli.common import assignment, guarded, names_among, say, settings_help
 from track_localization.cli.files import make_folder, write_metrics, write_trajectories
 from track_localization.cli.maglev.inputs import SENSORS, TRUTH_TOPIC, Inputs, add_arguments
