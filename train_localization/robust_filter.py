@@ -16,6 +16,7 @@ from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.placing import Placing
+from train_localization.standing import quiet
 
 Array = NDArray[np.float64]
 
@@ -230,6 +231,7 @@ class RobustFilter:
         speed = kernels.speed_of(nav)
         heard = now - state.wheel_s < ALONE_S
         stands = now - state.moved_s > STILL_AFTER_S and speed < NEARLY_MPS
+        stands = stands and quiet(nav, aux, P, state.w_mean, stretch.forces.mean(axis=0))
         if heard and stands and state.refused_wheel == 0:
             kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
         elif (
