@@ -27,8 +27,16 @@ class Gathering:
     before them can be taken first; a fix waits for its quality, if qualities are told at all.
     """
 
-    def __init__(self, config: GnssConfig, epoch_s: float) -> None:
-        self._config, self._epoch_s = config, epoch_s
+    def __init__(self, config: GnssConfig, epoch_s: float, ahead_s: float = 0.0) -> None:
+        """
+        Make it.
+
+        Args:
+            config: of the fixes.
+            epoch_s: time between stretches [s].
+            ahead_s: how far the odometer's stamps are before its speeds' times [s].
+        """
+        self._config, self._epoch_s, self._ahead_s = config, epoch_s, ahead_s
         self._samples: list[ImuSample] = []
         self._waiting: list[tuple[float, int, GnssFix | WheelSpeed]] = []
         self._count = 0
@@ -47,6 +55,8 @@ class Gathering:
 
     def wait(self, measurement: GnssFix | WheelSpeed) -> None:
         """Take a fix or a speed."""
+        if isinstance(measurement, WheelSpeed) and self._ahead_s:
+            measurement = measurement._replace(time_s=measurement.time_s + self._ahead_s)
         self._count += 1
         heapq.heappush(self._waiting, (measurement.time_s, self._count, measurement))
 

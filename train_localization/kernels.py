@@ -256,11 +256,18 @@ def wheel(
 
 
 @njit(cache=True)
-def rails(nav: Array, aux: Array, P: Array, R: float) -> None:
-    """Tell that the car moves neither sideways nor off its rails, variance ``R``, in place."""
+def rails(nav: Array, aux: Array, P: Array, R: float, w: Array, lever: float) -> None:
+    """
+    Tell that the car moves neither sideways nor off its rails, variance ``R``, in place.
+
+    That holds ``lever`` [m] behind the IMU, which turns at ``w`` (3,) as its gyros show [rad/s].
+    """
     v, H = _body_velocity(nav, P.shape[0])
+    v[1] -= lever * (w[2] - aux[2])
+    v[2] += lever * (w[1] - aux[1])
     dx = np.zeros(P.shape[0])
     H[1, YAW], H[2, PITCH] = -v[0], v[0]
+    H[1, 11], H[2, 10] = lever, -lever
     update(P, H[1], R, aux[YAW - 9] * v[0] - v[1], dx)
     update(P, H[2], R, -aux[PITCH - 9] * v[0] - v[2], dx)
     give(nav, aux, dx)

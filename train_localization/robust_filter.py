@@ -239,7 +239,7 @@ class RobustFilter:
             and speed > LEAST_MPS
             and now - state.railed_s > 1.0 / wheel.constraint_rate_hz - 1e-6
         ):
-            kernels.rails(nav, aux, P, wheel.side_sigma_mps**2)
+            kernels.rails(nav, aux, P, wheel.side_sigma_mps**2, state.w_mean, wheel.lever_m)
             state = state._replace(railed_s=now)
         return self._line(state, speed) if self._track is not None else state
 
@@ -297,7 +297,7 @@ class RobustFilter:
         state = state._replace(
             wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
         )
-        gained = state.gain * (state.time_s - heard.time_s + wheel.delay_s)
+        gained = state.gain * (state.time_s - heard.time_s + max(wheel.delay_s, 0.0))
         R = max(wheel.sigma_mps**2, heard.variance)
         settling = state.time_s - state.began_s < SETTLING_S
         if state.refused_wheel >= wheel.recover_after:

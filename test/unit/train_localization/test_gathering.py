@@ -60,6 +60,14 @@ def test_a_late_speed_comes_at_once(gathering):
     assert [type(x) for x in feed(gathering, WheelSpeed(0.03, 5.0, 0.1))] == [WheelSpeed]
 
 
+def test_an_odometer_whose_clock_is_behind_waits_for_the_time_it_means():
+    gathering = Gathering(GnssConfig(), 0.1, ahead_s=0.45)
+    before = feed(gathering, WheelSpeed(0.0, 5.0, 0.1), *(sample(0.01 * k) for k in range(45)))
+    assert all(isinstance(x, Stretch) for x in before)
+    speeds = [x for x in feed(gathering, sample(0.46)) if isinstance(x, WheelSpeed)]
+    assert [s.time_s for s in speeds] == [pytest.approx(0.45)]
+
+
 @pytest.mark.parametrize(
     ('satellites', 'hdop', 'axes'),
     [(8, 1.0, 3), (4, 4.9, 3), (3, 1.0, 2), (2, 1.0, 0), (8, 9.0, 0), (8, np.nan, 3)],

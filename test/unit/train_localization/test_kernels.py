@@ -85,21 +85,24 @@ def test_a_slipping_odometer_changes_nothing(state):
     assert all(np.array_equal(a, b) for a, b in zip((nav, aux, P), before, strict=True))
 
 
-def test_rails_forbid_motion_across_the_car(state):
+@pytest.mark.parametrize('lever', [0.0, 8.0])
+def test_rails_forbid_motion_across_the_car(state, lever):
+    """Where the rails hold it, ``lever`` behind the IMU, which swings out with the turn."""
     nav, aux, P = state
+    w = np.array([0.01, -0.02, 0.03])
 
     def sideways(nav, aux):
-        v = body(nav)
+        v = body(nav) + np.cross(w - aux[:3], [-lever, 0.0, 0.0])
         return v[1] - aux[7] * v0
 
     def upward(nav, aux):
-        v = body(nav)
+        v = body(nav) + np.cross(w - aux[:3], [-lever, 0.0, 0.0])
         return v[2] + aux[8] * v0
 
     v0 = body(nav)[0]
     rows = [(jacobian(f, nav, aux), 0.01, -f(nav, aux)) for f in (sideways, upward)]
     expected = dense(nav, aux, P, rows)
-    kernels.rails(nav, aux, P, 0.01)
+    kernels.rails(nav, aux, P, 0.01, w, lever)
     assert_same((nav, aux, P), expected)
 
 
