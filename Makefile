@@ -31,10 +31,12 @@ test: lint types
 demo: $(STAMP)
 	$(BIN)/python tools/demo.py
 
-# The README's picture is the demo's.
+# The README's pictures: the demo's, and that of the shipped maglev recording.
 pictures: demo
 	mkdir -p docs
 	cp demo/report/error_along_track.png docs/
+	$(BIN)/evaluate maglev bags/maglev_line --methods robust,kalman --output demo/maglev
+	cp demo/maglev/error_from_first_balise.png docs/maglev_error.png
 
 bench: $(STAMP)
 	@for f in benchmarks/bench_*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
