@@ -25,6 +25,10 @@ ALIVE_S = 1.0
 
 SAME_M = 1e-6
 
+UNEVEN, PITCHES, UNEVEN_MEMORY = 0.02, 100.0, 10.0
+"""Part of a crossing that a change of the count may be off; only changes of so few crossings tell;
+and of so many changes, more or less, most must be uneven before the readings are no counts."""
+
 
 class Counting(NamedTuple):
     """
@@ -39,6 +43,7 @@ class Counting(NamedTuple):
         radar_s: its stamp.
         still_s: when a filter was last told that the train stands.
         radar_same: radar readings in a row that repeat the one before.
+        uneven: share of the count's changes, of late, that were no whole crossings.
     """
 
     reading: float
@@ -49,11 +54,16 @@ class Counting(NamedTuple):
     radar_s: float
     still_s: float
     radar_same: int = 0
+    uneven: float = 0.0
 
     @property
     def frozen(self) -> bool:
         """Whether the radar repeats itself to the last digit, as no living one does."""
         return self.radar_same >= FROZEN_AFTER
+
+    def pitch(self, loop: LoopConfig) -> float:
+        """Return the pitch of the crossings [m]; 0 when the readings are not counts of them."""
+        return loop.pitch_m if self.uneven < 0.5 else 0.0
 
     @classmethod
     def begin(cls, time_s: float) -> Counting:
@@ -86,6 +96,7 @@ class Crossing(NamedTuple):
         variance: of that [m^2].
         crossings: passed since the reading before, at least 1.
         travel: distance since the last measurement [m].
+        pitch: of the crossings [m]; 0 when the reading is no count.
         moved: whether the count changed; else it tells no more than these bounds.
         departed: the count had stood: nobody knows how far the train went unnoticed.
     """
@@ -94,6 +105,7 @@ class Crossing(NamedTuple):
     variance: float
     crossings: float
     travel: float
+    pitch: float
     moved: bool = True
     departed: bool = False
 
@@ -106,22 +118,26 @@ def hear(
 
     A count that has just changed puts the train between that crossing and where it can be since
     the reading before; one that does not change says only that the next crossing was not reached.
+    Readings that change by no whole crossings are distances, whatever the setting says.
     """
-    speed, pitch = abs(speed), loop.pitch_m
+    speed, pitch = abs(speed), memory.pitch(loop)
     if math.isnan(memory.reading):
         first = Counting(
             z.reading, z.time_s, z.time_s, z.time_s, memory.radar_mps, memory.radar_s, z.time_s
         )
         variance = pitch * pitch / 12.0 + max(z.variance, loop.noise_m**2)
-        return first, Crossing(z.reading + 0.5 * pitch, variance, 1.0, 0.0)
+        return first, Crossing(z.reading + 0.5 * pitch, variance, 1.0, 0.0, pitch)
     change = z.reading - memory.reading
-    moved = pitch == 0.0 or abs(change) > SAME_M
+    moved = pitch == 0.0 or abs(change) > 0.5 * pitch
     elapsed = z.time_s - memory.sampled_s
     stood = z.time_s - memory.changed_s > STILL_AFTER_S and speed < SLOW_MPS
     departed = stood and moved and abs(change) < 1.5 * pitch
     spread = min(pitch, speed * elapsed) if moved else pitch
     memory = memory._replace(
-        reading=z.reading, sampled_s=z.time_s, changed_s=z.time_s if moved else memory.changed_s
+        reading=z.reading,
+        sampled_s=z.time_s,
+        changed_s=z.time_s if moved else memory.changed_s,
+        uneven=_unevenness(memory.uneven, change, loop.pitch_m),
     )
     if not moved and (speed > SLOW_MPS or z.time_s - memory.used_s <= UNCHANGED_S):
         return memory, None
@@ -132,10 +148,19 @@ def hear(
         variance=spread * spread / 12.0 + noise,
         crossings=max(speed * elapsed / pitch, 1.0) if pitch > 0.0 else 1.0,
         travel=speed * (z.time_s - memory.used_s) + pitch,
+        pitch=pitch,
         moved=moved,
         departed=departed,
     )
     return memory._replace(used_s=z.time_s), crossing
+
+
+def _unevenness(before: float, change: float, pitch: float) -> float:
+    """Return the share of uneven changes after one more change of the count [m]."""
+    if pitch == 0.0 or not SAME_M < abs(change) < PITCHES * pitch:
+        return before
+    crossings = change / pitch
+    return before + ((abs(crossings - round(crossings)) > UNEVEN) - before) / UNEVEN_MEMORY
 
 
 def hear_radar(memory: Counting, z: RadarSpeed) -> Counting:

@@ -110,7 +110,7 @@ class KalmanFilter:
         return Estimate(state.fused_s, TO_CHAINAGE @ state.x, covariance)
 
     def _loop(self, state: Belief, z: LoopPosition) -> Belief:
-        x, P, pitch = state.x, state.P, self._config.loop.pitch_m
+        x, P = state.x, state.P
         first = math.isnan(state.memory.reading)
         memory, crossing = counting.hear(state.memory, z, float(x[V]), self._config.loop)
         state = state._replace(memory=memory)
@@ -119,11 +119,13 @@ class KalmanFilter:
         if first:
             recount(x, P, crossing.position, crossing.variance)
             return state
-        bounded = P[C, C] < 1.5 * crossing.variance and abs(crossing.position - x[C]) < pitch
+        bounded = (
+            P[C, C] < 1.5 * crossing.variance and abs(crossing.position - x[C]) < crossing.pitch
+        )
         if not crossing.moved and bounded:
             return state
         if crossing.departed:
-            P[C, C] += pitch**2
+            P[C, C] += crossing.pitch**2
             P[V, V] += DEPARTURE_MPS**2
             P[A, A] += DEPARTURE_MPS2**2
         nu, variance = crossing.position - x[C], P[C, C] + crossing.variance

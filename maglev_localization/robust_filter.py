@@ -124,14 +124,14 @@ class RobustFilter:
             crossing.moved or not hearing.bounded(x, P, crossing.position, crossing.variance)
         ):
             if crossing.departed:
-                hearing.depart(x, P, loop.pitch_m)
+                hearing.depart(x, P, crossing.pitch)
             log_w, x, P, nis, says, few = hearing.hear_loop(
                 log_w,
                 x,
                 P,
                 crossing.position,
                 crossing.variance,
-                loop.pitch_m,
+                crossing.pitch,
                 share * crossing.crossings,
                 EXTRA_SHARE * share * crossing.crossings,
                 min(loop.burst_per_m * crossing.travel, 0.3),
