@@ -31,9 +31,9 @@ COLOURS: Mapping[str, str] = {
     'paper': '#c51b7d',
     'robust': '#1a9850',
     'kalman': '#2166ac',
-    'ins': '#7f7f7f',
+    'ins': '#8c2d04',
     'robust_map': '#e08214',
-    'smoothed': '#2166ac',
+    'smoothed': '#542788',
 }
 """Colours that stay with a method in every picture."""
 
