@@ -16,7 +16,7 @@ from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.placing import Placing
-from train_localization.standing import quiet
+from train_localization.standing import STILL_SIGMA_MPS, quiet
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ STILL_AFTER_S, STILL_MPS = 1.0, 0.02
 """A train whose odometer reads less than this for so long stands."""
 NEARLY_MPS = 2.0
 """An odometer that reads nothing while the train is faster is stuck [m/s]."""
-STILL_SIGMA_MPS, STILL_SIGMA_RADPS = 0.02, 3e-4
+STILL_SIGMA_RADPS = 3e-4
 LEAST_MPS = 3.0
 """Rails and the line's direction tell something of a train that is faster [m/s]."""
 ALONE_S = 1.0

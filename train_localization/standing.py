@@ -2,7 +2,7 @@
 Whether the IMU could be that of a train that stands.
 
 An odometer that reads nothing does not yet prove it: its last reading may be a second old, and its
-least step that of walking. A train that starts is felt at once.
+least step that of walking. A train that starts is felt at once, one that creeps has gained speed.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 QUIET_RADPS, QUIET_MPS2 = 4e-3, 0.06
 """What engines and passengers do to a standing IMU, a mean over 0.1 s, 1 sigma."""
+STILL_SIGMA_MPS = 0.02
+"""How well a train that stands is known to, 1 sigma [m/s]."""
 QUIET_NIS = 9.0
 
 
@@ -27,7 +29,7 @@ def quiet(nav: Array, aux: Array, P: Array, rate: Array, force: Array) -> bool:
     """
     Return whether ``rate`` and ``force`` (3,) are the Earth's turning and gravity, and biases.
 
-    As far as attitude and biases are known: each axis by its innovation against its variance.
+    And whether the velocity may be none: each axis by its innovation against its variance.
     """
     turning = np.empty(3)
     earth_rate(nav[0], turning)
@@ -40,6 +42,8 @@ def quiet(nav: Array, aux: Array, P: Array, rate: Array, force: Array) -> bool:
     n = P.shape[0]
     h, nothing = np.zeros(n), np.zeros(n)
     for k in range(3):
+        if nav[3 + k] ** 2 > QUIET_NIS * (P[3 + k, 3 + k] + STILL_SIGMA_MPS**2):
+            return False
         h[:] = 0.0
         h[9 + k] = 1.0
         nu, S = innovation(P, h, QUIET_RADPS**2, rate[k] - aux[k] - turned[k], nothing)

@@ -51,6 +51,15 @@ def test_a_train_that_starts_is_not(standing, axis, turning, gain):
     assert not quiet(nav, aux, P, rate, force)
 
 
+def test_a_train_that_creeps_is_not(standing):
+    """0.1 m/s, gained so gently that no sample told; where it is unknown, it may be none."""
+    nav, aux, P, rate, force = standing
+    nav[3] = 0.1
+    assert not quiet(nav, aux, P, rate, force)
+    P[3, 3] = 0.1**2
+    assert quiet(nav, aux, P, rate, force)
+
+
 def test_where_the_level_is_unknown_gravity_is_no_acceleration(standing):
     """A lean of 0.03 rad is 0.3 m/s^2 of the platform's axes: plausible while sigma is 0.03."""
     nav, aux, P, rate, _ = standing
