@@ -133,7 +133,12 @@ def test_a_file_parameter_says_what_is_wrong(tmp_path):
 
 
 CONFIG = Path(__file__).parents[2] / 'config'
-NODES = {'coaster': coaster.NodeConfig, 'maglev': maglev.NodeConfig, 'train': train.NodeConfig}
+NODES = {
+    'coaster': coaster.NodeConfig,
+    'maglev': maglev.NodeConfig,
+    'train': train.NodeConfig,
+    'kingston': train.NodeConfig,
+}
 """Whose parameters a shipped file holds, by its name."""
 
 
