@@ -133,6 +133,9 @@ def _alike(one: Array, other: Array, P: Array, closeness: float) -> bool:
         return False
     if abs(one[K] - other[K]) > 0.5 * math.sqrt(SHARE * P[K, K]):
         return False
+    count = abs(one[C] - other[C])
+    if count > closeness and count > 0.5 * math.sqrt(SHARE * P[C, C]):
+        return False
     along = one[C] - one[B] - other[C] + other[B]
     variance = SHARE * (P[C, C] + P[B, B] - 2.0 * P[C, B])
     return abs(along) < max(0.5 * math.sqrt(max(variance, 0.0)), 0.25 * closeness)

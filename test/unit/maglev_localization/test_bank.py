@@ -142,6 +142,17 @@ def test_only_those_that_say_the_same_merge(rng, apart, count):
     assert np.exp(new[0]).sum() == pytest.approx(1.0, rel=1e-12)
 
 
+def test_a_miscount_is_not_merged_away_while_the_place_is_vague(rng):
+    """One crossing is nothing against 100 m of b, and three sigma of the count: it must be told."""
+    log_w, x, P = hypotheses(rng, 2)
+    x[1] = x[0]
+    x[1, :, [C, B]] -= 0.2
+    for i in range(2):
+        P[i, :] = np.diag(SIGMA**2) / SHARE
+        P[i, :, B, B] = 100.0**2 / SHARE
+    assert len(bank.merge(log_w, x, P, 0.08)[0]) == 2
+
+
 def test_federate_adds_information_and_shares_it(rng):
     _, x, P = hypotheses(rng, 3)
     x[:, 1] += SIGMA

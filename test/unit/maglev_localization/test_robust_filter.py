@@ -1,0 +1,327 @@
+"""The bank on readings by hand: whichever way the sensors fail, the right account wins soon."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from maglev_localization import hearing
+from maglev_localization.config import MaglevConfig, MotionConfig
+from maglev_localization.line_kernels import SIZE, B, C, K, V
+from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
+from maglev_localization.robust_filter import RobustFilter
+from track_localization.track.balise_table import BaliseTable
+
+CONFIG = MaglevConfig()
+SHARE = 0.5
+
+
+class Rider:
+    """A filter taken along a train of measurements, with what was thought on the way."""
+
+    def __init__(self, train, config=CONFIG, length=3000.0, chainage=None, variance=1.0):
+        self.filter = RobustFilter(config, train.table, length)
+        place = train.start_m if chainage is None else chainage
+        self.state = self.filter.start(train.begin_s, place, variance)
+        self.rng = np.random.default_rng(1)
+        self.train, self.says, self.estimates = train, [], []
+
+    def ride(self, measurements):
+        for z in measurements:
+            self.state = self.filter.apply(self.state, (z, float(self.rng.random())))
+            self.says.append((z.time_s, type(z), self.state.says))
+            if not isinstance(z, LoopPosition):
+                self.estimates.append(self.filter.estimate(self.state))
+        return self
+
+    def said(self, kind, *what):
+        """Return the stamps at which the likeliest hypothesis said any of ``what``."""
+        return [t for t, k, says in self.says if k is kind and says in what]
+
+    def errors(self, begin_s=0.0):
+        """Return chainage errors and sigmas from a stamp on."""
+        time_s, along, sigma, *_ = self.train.errors(self.estimates)
+        return along[time_s > begin_s], sigma[time_s > begin_s]
+
+
+def jumped(stream, when_s, crossings, pitch=0.2, until_s=math.inf):
+    """Return the stream with the loop's readings changed by so many crossings from a stamp on."""
+    return [
+        z._replace(reading=z.reading + crossings * pitch)
+        if isinstance(z, LoopPosition) and when_s <= z.time_s < until_s
+        else z
+        for z in stream
+    ]
+
+
+@pytest.mark.parametrize('crossings', [-1, 1, -2, -17, 40, -60, -200, -2400])
+@pytest.mark.parametrize('when_s', [1015.0, 1060.0])
+def test_a_count_that_jumps_is_seen_through(train, crossings, when_s):
+    """
+    A missed crossing, an extra one, a burst, a glitch, a dead zone: at 11 m/s and at 25 m/s.
+
+    No error is a crossing at any time half a second after, and at the next balise nothing is to be
+    mended. Before the first balise 1 m of the start is left: there only the change counts.
+    """
+    clean = Rider(train).ride(train.measurements())
+    rider = Rider(train).ride(jumped(train.measurements(), when_s, crossings))
+    along, _ = rider.errors(when_s + 0.5)
+    expected, sigma = clean.errors(when_s + 0.5)
+    change = np.abs(along - expected)
+    assert change.max() < 0.15
+    assert (np.abs(along) <= 3.5 * rider.errors(when_s + 0.5)[1]).all()
+    assert sigma.max() < 1.2
+    if abs(crossings) > 3:
+        first = next(t for t in rider.said(LoopPosition, hearing.SHIFT) if t >= when_s)
+        assert first < when_s + 0.05
+
+
+def test_a_reading_that_means_nothing_is_passed_over(train):
+    """One reading 33 crossings off, and back: two jumps or none, the train stays."""
+    stream = train.measurements()
+    i = next(i for i, z in enumerate(stream) if isinstance(z, LoopPosition) and z.time_s > 1060.0)
+    stream[i] = stream[i]._replace(reading=stream[i].reading + 6.6)
+    clean, rider = (Rider(train).ride(s) for s in (train.measurements(), stream))
+    assert np.abs(rider.errors(1060.0)[0] - clean.errors(1060.0)[0]).max() < 0.1
+
+
+@pytest.mark.parametrize('zero_m', [0.0, -1234.4, 9e6])
+def test_a_counter_that_starts_over_at_nought(make_train, zero_m):
+    """From any number, at 25 m/s: a jump like any other."""
+    train = make_train(zero_m=-zero_m)
+    stream = train.measurements()
+    first = next(z.reading for z in stream if isinstance(z, LoopPosition) and z.time_s > 1060.0)
+    stream = jumped(stream, 1060.0, -round(first / 0.2))
+    rider = Rider(train).ride(stream)
+    along, sigma = rider.errors(1060.5)
+    assert np.abs(along).max() < 0.4
+    assert (np.abs(along) < 3.5 * sigma).all()
+
+
+def test_a_counter_that_freezes_and_goes_on(train):
+    """Ten seconds at 25 m/s without a count: the radar carries on, then the offset is another."""
+    held = {}
+    stream = []
+    for z in train.measurements():
+        if isinstance(z, LoopPosition) and z.time_s >= 1060.0:
+            lost = held.setdefault('lost', z.reading)
+            if z.time_s < 1070.0:
+                z = z._replace(reading=lost)
+            else:
+                z = z._replace(reading=z.reading - held.setdefault('unseen', z.reading - lost))
+        stream.append(z)
+    rider = Rider(train).ride(stream)
+    along, sigma = rider.errors(train.passing_s(300.0))
+    assert (np.abs(along) < 3.5 * sigma).all()
+    along, sigma = rider.errors(train.passing_s(2000.0))
+    assert np.abs(along).max() < 0.4
+    assert sigma.max() < 0.2
+
+
+def test_crossings_missed_one_by_one_are_learnt(make_train):
+    """One in 300 is missed, ten times as many as set: errors stay, the share is found."""
+    train = make_train(seconds=200.0, top=40.0, balises=tuple(np.arange(300.0, 7000.0, 600.0)))
+    rng = np.random.default_rng(12)
+    missed = np.cumsum(rng.random(50_000) < 1.0 / 300.0)
+    stream = [
+        z._replace(reading=0.2 * (round(z.reading / 0.2) - missed[round(z.reading / 0.2)]))
+        if isinstance(z, LoopPosition)
+        else z
+        for z in train.measurements()
+    ]
+    rider = Rider(train, length=9000.0).ride(stream)
+    along, sigma = rider.errors(train.passing_s(900.0))
+    assert np.sqrt(np.mean(along**2)) < 0.3
+    assert np.mean(np.abs(along) < 2.0 * sigma) > 0.9
+    assert 3e-4 < rider.state.missed_share < 1.0 / 150.0
+
+
+@pytest.mark.parametrize(('scale', 'seconds'), [(0.03, 8.0), (-0.03, 15.0)])
+def test_a_radar_that_slips(train, scale, seconds):
+    """Its scale changes at once, and back: the loop tells, and the speed follows neither."""
+    stream = [
+        z._replace(speed=z.speed * (1.0 + scale))
+        if isinstance(z, RadarSpeed) and 1050.0 < z.time_s < 1050.0 + seconds
+        else z
+        for z in train.measurements()
+    ]
+    rider = Rider(train).ride(stream)
+    time_s, along, _, speed, _ = train.errors(rider.estimates)
+    assert np.abs(along[time_s > train.passing_s(300.0)]).max() < 0.4
+    assert np.abs(speed[time_s > 1030.0]).max() < 0.4
+
+
+BALISES = BaliseTable(
+    ('a', 'b', 'c', 'd'), np.array([300.0, 900.0, 1500.0, 2400.0]), np.full(4, 0.05)
+)
+
+
+@pytest.mark.parametrize(('told', 'says'), [('b1', hearing.PLAIN), ('b3', hearing.NEARBY)])
+def test_a_balise_is_known_by_its_place(train, told, says):
+    stream = [
+        z._replace(balise=told) if getattr(z, 'balise', '') == 'b1' else z
+        for z in train.measurements()
+        if z.time_s < train.passing_s(900.0) + 1.0
+    ]
+    rider = Rider(train).ride(stream)
+    assert rider.said(BalisePassing, says)[-1] == train.passing_s(900.0)
+    assert np.abs(rider.errors(train.passing_s(900.0))[0]).max() < 0.3
+
+
+def test_a_train_far_astray_is_found_by_two_balises(train):
+    """
+    The start is 480 m wrong and claims 1 m: after one balise it may be, after two it is sure.
+
+    Between them loop and radar tell nothing of the place, so the doubt stays as it is.
+    """
+    rider = Rider(train, chainage=485.03).ride(train.measurements())
+    time_s, along, sigma, *_ = train.errors(rider.estimates)
+    first, second = train.passing_s(300.0), train.passing_s(900.0)
+    between = (time_s > first) & (time_s < second)
+    assert np.abs(along[between]).max() < 1.0
+    assert sigma[between].min() > 100.0
+    assert np.ptp(sigma[between]) < 0.1 * sigma[between].mean()
+    assert np.abs(along[time_s > second]).max() < 0.4
+    assert sigma[time_s > second].max() < 0.2
+
+
+def test_a_wrong_id_far_away_does_not_carry_the_train_off(train):
+    """Heard between two balises, it tells one far away: sigma opens until the next is heard."""
+    stray = BalisePassing(1055.0, 'b3', 0.0, 0.02**2)
+    stream = sorted([*train.measurements(), stray], key=lambda z: z.time_s)
+    rider = Rider(train).ride(stream)
+    time_s, along, sigma, *_ = train.errors(rider.estimates)
+    assert (np.abs(along) < 3.5 * sigma)[time_s > 1055.0].all()
+    assert np.abs(along[time_s > train.passing_s(1500.0)]).max() < 0.4
+
+
+def test_standstill_holds_the_train(make_train):
+    """A minute of rest with a radar that trembles: the place does not wander, its sigma neither."""
+    train = make_train(rest_s=60.0, seconds=62.0)
+    rng = np.random.default_rng(13)
+    stream = [
+        z._replace(speed=float(0.2 * rng.normal())) if isinstance(z, RadarSpeed) else z
+        for z in train.measurements()
+        if z.time_s < 1060.0
+    ]
+    rider = Rider(train).ride(stream)
+    time_s, along, sigma, speed, _ = train.errors(rider.estimates)
+    rested = time_s > 1003.0
+    assert np.abs(along[rested] - along[rested][0]).max() < 0.12
+    assert np.abs(speed[rested]).max() < 0.05
+    assert sigma[-1] < 1.1 * sigma[rested][0]
+
+
+@pytest.mark.parametrize('pull', [0.1, 0.5, 1.0])
+def test_departure_is_noticed(make_train, pull):
+    """From the first crossing on: within a metre and half a metre a second of a gentle start."""
+    train = make_train(rest_s=20.0, pull=pull, seconds=60.0)
+    rider = Rider(train).ride(train.measurements())
+    time_s, along, sigma, speed, sigma_speed = train.errors(rider.estimates)
+    after = time_s > 1020.0
+    assert np.abs(along - along[time_s < 1020.0][-1])[after].max() < 0.6
+    assert np.abs(speed[after]).max() < 0.7
+    assert (np.abs(along) < 3.0 * sigma)[after].all()
+    assert np.mean((np.abs(speed) < 3.0 * sigma_speed)[after]) > 0.95
+
+
+def positive(P):
+    """Whether all covariances of a bank are symmetric and positive definite, units apart."""
+    d = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
+    R = P / (d[..., :, None] * d[..., None, :])
+    symmetric = np.abs(R - np.swapaxes(R, -1, -2)).max() < 1e-12
+    return bool(symmetric and np.isfinite(d).all() and np.linalg.eigvalsh(R)[..., 0].min() > 0.0)
+
+
+def wild(train, rng):
+    """Return a stream in which everything fails now and then."""
+    out, shift = [], 0
+    for z in train.measurements(rng):
+        chance = rng.random()
+        if chance < 0.02:
+            continue
+        if isinstance(z, LoopPosition):
+            if chance > 0.995:
+                shift += int(rng.integers(-40, 41))
+            if chance > 0.9995:
+                shift += int(rng.integers(-5_000_000, 5_000_000))
+            z = z._replace(reading=z.reading + 0.2 * shift)
+        elif isinstance(z, RadarSpeed):
+            if chance > 0.95:
+                z = z._replace(speed=float(rng.uniform(-50.0, 90.0)))
+            elif chance > 0.9:
+                z = z._replace(speed=0.0, variance=1e-12)
+        elif chance > 0.5:
+            z = z._replace(balise=f'b{rng.integers(12)}', variance=1e-9)
+        out.append(z)
+    return out
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+@pytest.mark.parametrize('line_m', [3e4, 1e6])
+def test_covariances_stay_positive_in_a_long_run_of_faults(make_train, seed, line_m):
+    """
+    Twenty minutes of jumps, outliers, wrong ids and claims of millionths, on 20 Hz and 10 Hz.
+
+    The start is anywhere on a line of up to 1000 km. Smaller tables and rates only make it faster.
+    """
+    places = tuple(np.arange(500.0, 24_000.0, 1000.0))
+    train = make_train(seconds=1000.0, loop_hz=20.0, radar_hz=10.0, balises=places)
+    config = dataclasses.replace(
+        CONFIG,
+        particles=50,
+        motion=MotionConfig(start_known=False),
+        balise=dataclasses.replace(CONFIG.balise, jitter_s=0.0),
+    )
+    rider = Rider(train, config, line_m, 0.5 * line_m, (0.5 * line_m) ** 2)
+    stream = wild(train, np.random.default_rng(seed))
+    for begin in range(0, len(stream), 20):
+        rider.ride(stream[begin : begin + 20])
+        state = rider.state
+        assert positive(state.P)
+        assert np.isfinite(state.x).all()
+        assert 1 <= len(state.log_w) <= 50
+        assert math.isclose(np.exp(state.log_w).sum(), 1.0, rel_tol=1e-9)
+        covariance = rider.filter.estimate(state).covariance
+        assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_two_hours_without_a_balise(make_train):
+    """
+    175 km by loop and radar alone: the slope of the count is all that is not known.
+
+    From 1e-4 on it walks 1e-6 in a metre: over L that is sqrt(1e-8 L^2 + 1e-12 L^3 / 3), 46 m.
+    """
+    train = make_train(seconds=7200.0, top=24.37, loop_hz=5.0, radar_hz=2.0, balises=())
+    stream = [
+        z._replace(reading=0.2 * math.floor(z.reading * (1.0 + 6e-5) / 0.2))
+        if isinstance(z, LoopPosition)
+        else z
+        for z in train.measurements()
+    ]
+    rider = Rider(train, length=2e5).ride(stream)
+    _, along, sigma, speed, _ = train.errors(rider.estimates)
+    length = float(train.at(8200.0)[0])
+    assert length > 170e3
+    assert positive(rider.state.P)
+    assert sigma[-1] == pytest.approx(
+        math.sqrt(1e-8 * length**2 + 1e-12 * length**3 / 3.0), rel=0.05
+    )
+    assert np.abs(speed[1000:]).max() < 0.3
+    assert (np.abs(along) < 3.0 * sigma).all()
+
+
+def test_start_spreads_what_is_not_known():
+    """Speed, scale and slope as set; both locals have the same, and fused give the start back."""
+    rider = RobustFilter(CONFIG, BALISES, 3000.0).start(5.0, 700.0, 4.0)
+    x, P = rider.x[0], SHARE * rider.P[0]
+    assert x[:, C] - x[:, B] == pytest.approx(700.0)
+    assert np.array_equal(x[0], x[1])
+    assert np.array_equal(P[0], P[1])
+    assert P[0][B, B] == pytest.approx(4.0)
+    assert np.sqrt(P[0][V, V]) == pytest.approx(30.0)
+    assert np.sqrt(P[0][K, K]) == pytest.approx(CONFIG.radar.scale_sigma)
+    assert P.shape == (2, SIZE, SIZE)
