@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: pictures demo test lint types bench clean venv
+.PHONY: pictures demo real test lint types bench clean venv
 
 venv: $(STAMP)
 
@@ -37,6 +37,10 @@ pictures: demo
 	cp demo/report/error_along_track.png docs/
 	$(BIN)/evaluate maglev bags/maglev_line --methods robust,kalman --output demo/maglev
 	cp demo/maglev/error_from_first_balise.png docs/maglev_error.png
+
+# Reads ../shared/data, or the folder that TRACK_LOCALIZATION_DATA names.
+real: $(STAMP)
+	$(BIN)/python tools/real_kingston.py
 
 bench: $(STAMP)
 	@for f in benchmarks/bench_*.py; do echo "== $$f"; $(BIN)/python $$f || exit 1; done
