@@ -10,7 +10,7 @@ without weight are dropped, and if more than the greatest number are left they a
 others drawn so that the weights stay unbiased).
 
 A bank is (log_w (n,), x (n, 2, 6), P (n, 2, 6, 6)); index 0 is the loop's local filter. What makes
-the children is in ``hearing``.
+the children is in ``hearing`` and ``passing``.
 """
 
 from __future__ import annotations

@@ -12,6 +12,9 @@ STILL_AFTER_S, STILL_MPS, STILL_AGAIN_S = 1.0, 0.3, 0.2
 """A train whose count has not changed for so long, and whose radar reads less, stands; a filter is
 told so every so often."""
 
+DEPARTURE_MPS2, DEPARTURE_LEAST_MPS2, UNSEEN_S = 1.5, 0.3, 5.0
+"""How trains set out, the fastest and the slowest [m/s^2]; a longer silence is another matter."""
+
 UNCHANGED_S, SLOW_MPS = 0.2, 1.0
 """A count that does not change is a measurement so often, while the train is slow [s], [m/s]."""
 
@@ -55,6 +58,24 @@ class Counting(NamedTuple):
     still_s: float
     radar_same: int = 0
     uneven: float = 0.0
+
+    def unseen(self, z: RadarSpeed, least: float) -> tuple[float, float]:
+        """
+        Return how far [m] and how fast a train that stood may be unnoticed; 0 if it did not stand.
+
+        A radar tells no speed below ``least`` [m/s], and none between its readings.
+        """
+        if not self.still_s > self.changed_s:
+            return 0.0, 0.0
+        elapsed = min(max(z.time_s - self.radar_s, 0.0), UNSEEN_S)
+        gained = DEPARTURE_MPS2 * elapsed
+        far = 0.5 * least * least / DEPARTURE_LEAST_MPS2 + 0.5 * gained * elapsed
+        return math.copysign(far, z.speed), least + gained
+
+    def runs(self, time_s: float) -> bool:
+        """Whether a living radar says that the train moves."""
+        alive = time_s - self.radar_s < ALIVE_S and not self.frozen
+        return alive and abs(self.radar_mps) > STILL_MPS
 
     @property
     def frozen(self) -> bool:
@@ -139,7 +160,8 @@ def hear(
         changed_s=z.time_s if moved else memory.changed_s,
         uneven=_unevenness(memory.uneven, change, loop.pitch_m),
     )
-    if not moved and (speed > SLOW_MPS or z.time_s - memory.used_s <= UNCHANGED_S):
+    runs = speed > SLOW_MPS or memory.runs(z.time_s)
+    if not moved and (runs or z.time_s - memory.used_s <= UNCHANGED_S):
         return memory, None
     begin = z.reading if change >= 0.0 else z.reading + pitch - spread
     noise = max(z.variance - pitch * pitch / 12.0, loop.noise_m**2)

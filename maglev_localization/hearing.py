@@ -1,8 +1,9 @@
 """
-What a bank of hypotheses makes of each kind of measurement: children, their weights, updates.
+What a bank of hypotheses makes of loop and radar: children, their weights, updates.
 
 Every function returns a new bank, the NIS of the measurement under the likeliest hypothesis, and
-what that hypothesis says of it; ``hear_slowness``, ``stand_still`` and ``depart`` work in place.
+what that hypothesis says of it. Balises are heard in ``passing``; trains that stand or crawl are
+the matter of ``standing``.
 """
 
 from __future__ import annotations
@@ -14,28 +15,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from maglev_localization.bank import LEAST, SHARE, choose, merge
-from maglev_localization.line_kernels import (
-    SIZE,
-    A,
-    B,
-    C,
-    K,
-    V,
-    correct,
-    correct_fully,
-    jump,
-    project,
-    recount,
-    relocate,
-)
+from maglev_localization.line_kernels import SIZE, A, C, K, V, correct, jump, project, recount
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PLAIN, SHIFT, UNKNOWN, IGNORED, SLIP, NEARBY, MOVED = range(7)
+PLAIN, SHIFT, UNKNOWN, IGNORED, SLIP, NEARBY, MOVED, DEPARTED = range(8)
 """What a child says of its measurement: as expected; the counter jumped by whole crossings, or by
 an unknown distance; it means nothing; the radar's scale changed; another balise than it said; the
-train is somewhere else than thought."""
+train is somewhere else than thought; a train that stood has set out unnoticed."""
 
 SINGLES = 3
 """As many crossings may be missed one by one between two readings; more are a burst."""
@@ -47,10 +35,10 @@ AFTER_JUMP_M = 1.0
 """How well the radar's filter knows the count after such a jump: far worse than the loop's."""
 NOTHING, RANGE_M, RANGE_MPS = 1e-6, 200.0, 20.0
 """Share of loop readings that mean nothing; how far such readings of loop and radar usually go."""
-GATE = 81.0
-"""A balise so many sigmas squared off is not the one."""
-DEPARTURE_MPS, DEPARTURE_MPS2, STOPPED_MPS2 = 0.5, 0.5, 0.3
-BACKWARD_MPS = 0.1
+DEPARTURE = 0.001
+"""Chance that a train that stood has set out when a radar speed is heard."""
+DEPARTURE_MPS2 = 0.5
+"""Acceleration of a train that sets out, 1 sigma [m/s^2]."""
 NEVER = 1e-12
 """Added to chances that may be nought, for the sake of their logarithm."""
 LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -182,6 +170,14 @@ def hear_loop(
 
 
 @njit(cache=True)
+def set_out(P: Array, distance: float, speed: float) -> None:
+    """Allow in place that a train has gone ``distance`` [m] and runs at ``speed``, 1 sigma."""
+    P[C, C] += distance * distance / SHARE
+    P[V, V] += speed * speed / SHARE
+    P[A, A] += DEPARTURE_MPS2**2 / SHARE
+
+
+@njit(cache=True)
 def _radar_nu(x: Array, P: Array, speed: float, H: Array, PH: Array) -> tuple[float, float]:
     """Return innovation and its variance without noise; write ``H`` (6,) and P H'."""
     H[V], H[K] = 1.0 + x[K], x[V]
@@ -198,6 +194,8 @@ def hear_radar(
     outlier: float,
     slip: float,
     slip_sigma: float,
+    unseen_m: float,
+    unseen_mps: float,
     most: int,
     uniform: float,
 ) -> tuple[Array, Array, Array, float, int]:
@@ -205,9 +203,10 @@ def hear_radar(
     Weigh a radar speed [m/s] of variance ``R`` and update the radar's local filters.
 
     ``outlier`` is the share of readings that mean nothing, ``slip`` the probability that the scale
-    changed just now, by ``slip_sigma``. Other arguments as for ``hear_loop``.
+    changed just now, by ``slip_sigma``. A train that stood may be as fast as ``unseen_mps`` by now
+    and anywhere up to ``unseen_m``; 0: it did not stand. Other arguments as for ``hear_loop``.
     """
-    room = 2 * len(log_w)
+    room = 3 * len(log_w)
     weight, parent, kind = np.empty(room), np.empty(room, np.int64), np.empty(room, np.int64)
     PH, H = np.empty(SIZE), np.zeros(SIZE)
     nothing = math.log(outlier / RANGE_MPS + NEVER)
@@ -223,6 +222,10 @@ def hear_radar(
         if changed > best + LEAST + 2.0:
             weight[m], parent[m], kind[m] = log_w[i] + changed, i, SLIP
             m += 1
+        if abs(x[i, 1, V]) < 0.5 * unseen_mps:
+            weight[m] = log_w[i] + math.log(DEPARTURE) + log_normal(nu, spread + R + unseen_mps**2)
+            parent[m], kind[m] = i, DEPARTED
+            m += 1
     kept, new_w = choose(weight[:m], most, uniform)
     new_x, new_P = x[parent[kept]], P[parent[kept]]
     first = 0.0
@@ -231,179 +234,13 @@ def hear_radar(
         if what == SLIP:
             for local in range(2):
                 new_P[i, local, K, K] += slip_sigma**2 / SHARE
+        elif what == DEPARTED:
+            for local in range(2):
+                new_x[i, local, C] += 0.5 * unseen_m
+                set_out(new_P[i, local], unseen_m / math.sqrt(12.0), unseen_mps)
         nu, spread = _radar_nu(new_x[i, 1], new_P[i, 1], speed, H, PH)
         if i == 0:
             first = nu * nu / (spread + R)
         if what != IGNORED:
             correct(new_x[i, 1], new_P[i, 1], PH, spread + R, nu)
     return new_w, new_x, new_P, first, kind[kept[0]]
-
-
-@njit(cache=True)
-def hear_slowness(x: Array, P: Array, least: float, outlier: float) -> bool:
-    """
-    Tell the radar's local filters that it reads less than it can, ``least`` [m/s], in place.
-
-    Such a reading is no speed, and the next is no news: it only holds a speed that leaves its
-    bounds or is in doubt. A train braked to a stop stays there, and does not go backward. One that
-    runs does not stand because its radar lost the ground: where that is likelier, ``outlier`` being
-    the share of readings that mean nothing, it is ignored. Return whether the first one does.
-    """
-    PH, H = np.empty(SIZE), np.zeros(SIZE)
-    plain, nothing = math.log(1.0 - outlier), math.log(outlier / RANGE_MPS + NEVER)
-    ignored = False
-    for i in range(len(x)):
-        v, level, sigma = x[i, 1, V], 0.0, 0.5 * least
-        H[V], H[A] = 1.0, 0.0
-        spread = project(P[i, 1], H, PH)
-        if 0.0 <= v <= least and SHARE * spread <= sigma * sigma:
-            continue
-        if v > least:
-            level = 0.5 * least
-        elif v < 0.0:
-            sigma = BACKWARD_MPS
-        S = spread + sigma * sigma
-        if plain + log_normal(level - v, S) < nothing:
-            ignored = ignored or i == 0
-            continue
-        correct(x[i, 1], P[i, 1], PH, S, level - v)
-        if v < 0.0:
-            H[V], H[A] = 0.0, 1.0
-            S = project(P[i, 1], H, PH) + STOPPED_MPS2**2
-            correct(x[i, 1], P[i, 1], PH, S, -x[i, 1, A])
-    return ignored
-
-
-@njit(cache=True)
-def _balise_children(
-    log_w: Array,
-    x: Array,
-    P: Array,
-    chainage: Array,
-    R: Array,
-    told: int,
-    wrong: float,
-    nothing: float,
-    astray: float,
-    length: float,
-) -> tuple[Array, Ints, Ints, Ints]:
-    """Return weight, parent, kind and row of the table of what a passing may have been."""
-    entries = len(chainage)
-    room = len(log_w) * (entries + 2)
-    weight, parent = np.empty(room), np.empty(room, np.int64)
-    kind, row = np.empty(room, np.int64), np.zeros(room, np.int64)
-    others = max(entries - (1 if told >= 0 else 0), 1)
-    m = 0
-    for i in range(len(log_w)):
-        p = x[i, 0, C] - x[i, 0, B]
-        spread = SHARE * (P[i, 0, C, C] + P[i, 0, B, B] - 2.0 * P[i, 0, C, B])
-        for j in range(entries):
-            chance = wrong / others if told >= 0 else 1.0 / others
-            if j == told:
-                chance = 1.0 - wrong
-            ahead = chainage[j] - p
-            if ahead * ahead > GATE * (spread + R[j]):
-                continue
-            weight[m] = log_w[i] + math.log(chance + NEVER) + log_normal(ahead, spread + R[j])
-            parent[m], row[m], kind[m] = i, j, PLAIN if j == told else NEARBY
-            m += 1
-        weight[m], parent[m], kind[m] = log_w[i] + math.log(nothing / length), i, IGNORED
-        m += 1
-        if told >= 0:
-            weight[m] = log_w[i] + math.log(astray * (1.0 - wrong) / length)
-            parent[m], row[m], kind[m] = i, told, MOVED
-            m += 1
-    return weight[:m], parent[:m], kind[:m], row[:m]
-
-
-@njit(cache=True)
-def hear_balise(
-    log_w: Array,
-    x: Array,
-    P: Array,
-    chainage: Array,
-    R: Array,
-    told: int,
-    wrong: float,
-    nothing: float,
-    astray: float,
-    length: float,
-    most: int,
-    uniform: float,
-) -> tuple[Array, Array, Array, float, int]:
-    """
-    Weigh a balise passing in the master: whose it was, or whether the train is elsewhere.
-
-    Args:
-        log_w: (n,) weights.
-        x: (n, 2, 6) means, federated at the passing's stamp.
-        P: (n, 2, 6, 6) covariances.
-        chainage: (M,) where the antenna would be if the balise were that of the table [m].
-        R: (M,) variances of it [m^2].
-        told: row of the table whose id was told; -1 when it has none.
-        wrong: probability that the id is another's.
-        nothing: probability that no balise of the table was there.
-        astray: probability that the train is not where all hypotheses have it.
-        length: of the line [m].
-        most: hypotheses to keep.
-        uniform: a draw from [0, 1).
-    """
-    weight, parent, kind, row = _balise_children(
-        log_w, x, P, chainage, R, told, wrong, nothing, astray, length
-    )
-    kept, new_w = choose(weight, most, uniform)
-    new_x, new_P = x[parent[kept]], P[parent[kept]]
-    PH, H = np.empty(SIZE), np.zeros(SIZE)
-    H[C], H[B] = 1.0, -1.0
-    first = 0.0
-    for i in range(len(kept)):
-        what, j = kind[kept[i]], row[kept[i]]
-        if what == IGNORED:
-            continue
-        for local in range(2):
-            nu = chainage[j] - new_x[i, local, C] + new_x[i, local, B]
-            S = SHARE * project(new_P[i, local], H, PH) + R[j]
-            if what == MOVED:
-                S += length * length
-                relocate(new_x[i, local], new_P[i, local], chainage[j], R[j] / SHARE)
-            else:
-                correct_fully(new_x[i, local], new_P[i, local], H, R[j] / SHARE, nu)
-            if i == 0 and local == 0:
-                first = nu * nu / S
-    return new_w, new_x, new_P, first, kind[kept[0]]
-
-
-@njit(cache=True)
-def depart(x: Array, P: Array, distance: float) -> None:
-    """Allow that every hypothesis' train has set out unnoticed and gone ``distance`` [m]."""
-    for i in range(len(x)):
-        for local in range(2):
-            P[i, local, C, C] += distance * distance / SHARE
-            P[i, local, V, V] += DEPARTURE_MPS**2 / SHARE
-            P[i, local, A, A] += DEPARTURE_MPS2**2 / SHARE
-
-
-@njit(cache=True)
-def bounded(x: Array, P: Array, position: float, variance: float) -> bool:
-    """Whether the likeliest hypothesis keeps within what a standing count says by itself."""
-    inside = SHARE * P[0, 0, C, C] < 1.5 * variance
-    return inside and (x[0, 0, C] - position) ** 2 < 3.0 * variance
-
-
-@njit(cache=True)
-def stand_still(x: Array, P: Array, speed_sigma: float, acceleration_sigma: float) -> None:
-    """
-    Tell every hypothesis, federated, that the train stands, in place.
-
-    Not those that know better: a count may stand and a radar read nothing in a running train.
-    """
-    PH, H = np.empty(SIZE), np.zeros(SIZE)
-    for i in range(len(x)):
-        if x[i, 0, V] ** 2 > GATE * (SHARE * P[i, 0, V, V] + speed_sigma**2):
-            continue
-        for local in range(2):
-            for state, sigma in ((V, speed_sigma), (A, acceleration_sigma)):
-                H[V], H[A] = 0.0, 0.0
-                H[state] = 1.0
-                S = project(P[i, local], H, PH) + sigma * sigma / SHARE
-                correct(x[i, local], P[i, local], PH, S, -x[i, local, state])

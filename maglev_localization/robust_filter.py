@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_localization import bank, counting, hearing
+from maglev_localization import bank, counting, hearing, passing, standing
 from maglev_localization.config import MaglevConfig
 from maglev_localization.counting import START_MPS, START_MPS2, Counting
 from maglev_localization.estimate import Estimate
@@ -121,10 +121,10 @@ class RobustFilter:
         if crossing is not None and first:
             bank.begin_count(x, P, crossing.position, crossing.variance)
         elif crossing is not None and (
-            crossing.moved or not hearing.bounded(x, P, crossing.position, crossing.variance)
+            crossing.moved or not standing.bounded(x, P, crossing.position, crossing.variance)
         ):
             if crossing.departed:
-                hearing.depart(x, P, crossing.pitch)
+                standing.depart(P, crossing.pitch)
             log_w, x, P, nis, says, few = hearing.hear_loop(
                 log_w,
                 x,
@@ -147,7 +147,7 @@ class RobustFilter:
 
     def _radar(self, state: Bank, z: RadarSpeed, uniform: float) -> Bank:
         radar = self._config.radar
-        log_w, x, P = state.log_w, state.x.copy(), state.P.copy()
+        log_w, x, P = state.log_w.copy(), state.x.copy(), state.P.copy()
         elapsed = z.time_s - state.fused_s
         bank.predict_local(x, P, 1, elapsed, self._noise)
         says, nis = hearing.PLAIN, math.nan
@@ -155,7 +155,7 @@ class RobustFilter:
         if memory.frozen:
             says = hearing.IGNORED
         elif abs(z.speed) < radar.least_mps:
-            if hearing.hear_slowness(x, P, radar.least_mps, radar.outlier_share):
+            if standing.hear_slowness(log_w, x, P, radar.least_mps, radar.outlier_share):
                 says = hearing.IGNORED
         else:
             log_w, x, P, nis, says = hearing.hear_radar(
@@ -167,6 +167,7 @@ class RobustFilter:
                 radar.outlier_share,
                 radar.slip_per_s * max(elapsed, 0.0),
                 radar.slip_sigma,
+                *state.memory.unseen(z, radar.least_mps),
                 self._config.particles,
                 uniform,
             )
@@ -180,7 +181,7 @@ class RobustFilter:
         settings, table = self._config.balise, self._table
         told = table.index(z.balise)
         jitter = float(state.x[0, 0, V]) * settings.jitter_s
-        log_w, x, P, nis, says = hearing.hear_balise(
+        log_w, x, P, nis, says = passing.hear_balise(
             state.log_w,
             state.x,
             state.P,
@@ -205,7 +206,7 @@ class RobustFilter:
         bank.federate(x, P)
         sigma = memory.still_sigma(time_s)
         if sigma > 0.0:
-            hearing.stand_still(x, P, sigma, STILL_SIGMA_MPS2)
+            standing.stand_still(x, P, sigma, STILL_SIGMA_MPS2)
             memory = memory._replace(still_s=time_s)
         log_w, x, P = bank.merge(state.log_w, x, P, self._same_m)
         return state._replace(log_w=log_w, x=x, P=P, loop_s=time_s, fused_s=time_s, memory=memory)

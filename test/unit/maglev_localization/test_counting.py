@@ -81,6 +81,16 @@ def test_a_standing_count_tells_bounds_now_and_then_to_a_slow_train():
     assert hear_all([50.0] * 100, 27.0)[1][1:] == [None] * 99
 
 
+def test_a_standing_count_tells_no_bounds_while_a_living_radar_says_that_the_train_moves():
+    memory, _ = hear_all([50.0] * 100, 0.4)
+    for speed, radar_s, moves in ((0.6, 101.9, True), (0.1, 101.9, False), (0.6, 100.5, False)):
+        told = memory._replace(radar_mps=speed, radar_s=radar_s)
+        z = LoopPosition(102.2, 50.0, CLAIMED)
+        assert (counting.hear(told, z, 0.4, LOOP)[1] is None) == moves
+    frozen = memory._replace(radar_mps=0.6, radar_s=101.9, radar_same=5)
+    assert counting.hear(frozen, z, 0.4, LOOP)[1] is not None
+
+
 @pytest.mark.parametrize(
     ('standing', 'change', 'departed'), [(60, 0.2, True), (60, 0.4, False), (40, 0.2, False)]
 )
@@ -194,6 +204,20 @@ def test_standstill_needs_a_living_count_and_a_living_radar(
     now = 500.0
     memory = Counting(50.0, now + sampled, now + changed, now, speed, now + radar, now + told)
     assert memory.still_sigma(now) == pytest.approx(sigma)
+
+
+def test_how_far_a_train_may_have_gone_unseen():
+    """To 0.5 m/s at 0.3 m/s^2; at 1.5 m/s^2 in a silence, of which five seconds count."""
+    stood = Counting(50.0, 499.9, 490.0, 499.9, 0.0, 499.95, 499.9)
+
+    def unseen(memory, speed):
+        return memory.unseen(RadarSpeed(500.0, speed, 0.01), 0.5)
+
+    assert unseen(stood, 0.6) == pytest.approx((0.419, 0.575), abs=1e-3)
+    assert unseen(stood, -0.6) == pytest.approx((-0.419, 0.575), abs=1e-3)
+    assert unseen(stood._replace(radar_s=498.0), 3.0) == pytest.approx((3.417, 3.5), abs=1e-3)
+    assert unseen(stood._replace(radar_s=400.0), 3.0)[1] == pytest.approx(8.0)
+    assert unseen(stood._replace(changed_s=499.95), 0.6) == (0.0, 0.0)
 
 
 def test_nothing_heard_is_no_standstill():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from maglev_localization import bank, hearing
+from maglev_localization import bank, hearing, passing, standing
 from maglev_localization.line_kernels import SIZE, A, B, C, K, S, V
 
 SHARE = 0.5
@@ -34,14 +34,14 @@ def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED)
     return hearing.hear_loop(*state, reading, R_LOOP, pitch, missed, EXTRA, burst, most, 0.5)
 
 
-def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4):
-    return hearing.hear_radar(*state, speed, R_RADAR, outlier, slip, 0.03, most, 0.5)
+def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4, unseen=(0.0, 0.0)):
+    return hearing.hear_radar(*state, speed, R_RADAR, outlier, slip, 0.03, *unseen, most, 0.5)
 
 
 def hear_balise(state, told, chainage, R=0.01, length=7000.0, most=100):
     table = np.asarray(chainage, float)
     settings = (0.05, 1e-4, 1e-3, length, most, 0.5)
-    return hearing.hear_balise(*state, table, np.full(len(table), R), told, *settings)
+    return passing.hear_balise(*state, table, np.full(len(table), R), told, *settings)
 
 
 def joseph(x, P, H, nu, R):
@@ -186,10 +186,33 @@ def test_a_slip_is_a_change_of_scale():
     assert state[1][heaviest, 0, V] == pytest.approx(20.0, abs=0.1)
 
 
+def test_a_train_that_stood_may_have_set_out():
+    """One sensible reading is a doubt, two are no outliers: it is up to ``unseen`` further."""
+    sigma = [0.05, 0.02, 0.1, 0.1, 1e-4, 2e-3]
+    for sign in (1.0, -1.0):
+        state = one(sigma=sigma, v=0.0)
+        doubt = hear_radar(state, 0.7 * sign, unseen=(0.4 * sign, 0.5))
+        weight = dict(zip(doubt[1][:, 1, V].round(1) * sign, np.exp(doubt[0]), strict=True))
+        density = stats.norm.pdf(0.7, scale=math.sqrt(2 * 0.02**2 + R_RADAR + 0.25))
+        assert weight[0.7] / weight[0.0] == pytest.approx(0.001 * density / (0.02 / 20.0), rel=1e-3)
+        sure = hear_radar(doubt[:3], 0.75 * sign, unseen=(0.4 * sign, 0.5))
+        x, P = sure[1][0, 1], sure[2][0, 0]
+        assert sure[4] == hearing.PLAIN
+        assert x[C] - MEAN[C] == pytest.approx(0.2 * sign, abs=0.01)
+        assert x[V] == pytest.approx(0.72 * sign, abs=0.03)
+        assert SHARE * P[C, C] - 0.05**2 == pytest.approx(0.4**2 / 12.0, rel=1e-6)
+
+
+def test_an_outlier_is_no_departure_and_neither_is_a_running_train():
+    state = one(sigma=[0.05, 0.02, 0.1, 0.1, 1e-4, 2e-3], v=0.0)
+    assert hear_radar(state, 5.0, unseen=(0.4, 0.5))[4] == hearing.IGNORED
+    assert hear_radar(one(v=1.0), 1.6, unseen=(0.4, 0.5))[4] != hearing.DEPARTED
+
+
 def slowness(least=0.5, outlier=0.02, **mean):
     """Return mean and covariance of the radar's filter after a reading below ``least``."""
     _, x, P = one(**mean)
-    ignored = hearing.hear_slowness(x, P, least, outlier)
+    ignored = standing.hear_slowness(np.zeros(1), x, P, least, outlier)
     return x[0, 1], P[0, 1], ignored
 
 
@@ -220,17 +243,29 @@ def test_a_radar_that_reads_nothing_does_not_stop_a_running_train(v):
     assert ignored
 
 
+def test_hypotheses_too_fast_for_a_reading_below_the_least_lose_weight():
+    """0.7 m/s known to 5 cm/s and told with as much noise: two sigma and more beyond 0.5 m/s."""
+    states = [one(v=v) for v in (0.0, 0.7)]
+    x, P = (np.concatenate([s[k] for s in states]) for k in (1, 2))
+    log_w = np.log([0.5, 0.5])
+    standing.hear_slowness(log_w, x, P, 0.5, 0.02)
+    sigma = math.sqrt(0.05**2 / SHARE + 0.05**2)
+    slow = 0.98 * stats.norm.cdf(-0.2 / sigma) + 0.02
+    assert np.exp(log_w).sum() == pytest.approx(1.0, rel=1e-12)
+    assert np.exp(log_w[1] - log_w[0]) == pytest.approx(slow, rel=1e-6)
+
+
 def test_a_speed_in_doubt_is_held_by_a_radar_that_reads_nothing():
     """After a minute without sensors nobody knows better."""
     _, x, P = one(sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
-    assert not hearing.hear_slowness(x, P, 0.5, 0.02)
+    assert not standing.hear_slowness(np.zeros(1), x, P, 0.5, 0.02)
     assert x[0, 1, V] == pytest.approx(0.25, abs=0.05)
 
 
 def test_a_slow_train_in_doubt_is_held_too():
     """Else the doubt of a train that stands grows until an outlier is believed."""
     _, x, P = one(v=0.2, sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
-    assert not hearing.hear_slowness(x, P, 0.5, 0.02)
+    assert not standing.hear_slowness(np.zeros(1), x, P, 0.5, 0.02)
     assert x[0, 1, V] == pytest.approx(0.0, abs=1e-3)
     assert math.sqrt(P[0, 1, V, V]) == pytest.approx(0.25, rel=0.01)
     assert hear_radar((np.zeros(1), x, P), 5.0)[4] == hearing.IGNORED
@@ -330,7 +365,7 @@ def test_hypotheses_are_bounded_in_number():
 
 def test_depart_opens_count_and_speed():
     _, x, P = one()
-    hearing.depart(x, P, 0.2)
+    standing.depart(P, 0.2)
     added = SHARE * (P[0, 0] - one()[2][0, 0])
     assert np.array_equal(x, one()[1])
     assert np.diag(added)[[C, V, A]] == pytest.approx([0.04, 0.25, 0.25], rel=1e-9)
@@ -343,7 +378,7 @@ def test_depart_opens_count_and_speed():
 def test_bounded_means_that_a_standing_count_is_no_news(off, sigma, inside):
     """Within 1.7 sigma of the middle (0.06 m), and known about as well as the count tells."""
     _, x, P = one(sigma=[sigma, 0.05, 0.1, 0.1, 1e-4, 2e-3])
-    assert hearing.bounded(x, P, 500.0 + off, 0.2**2 / 12.0) == inside
+    assert standing.bounded(x, P, 500.0 + off, 0.2**2 / 12.0) == inside
 
 
 def test_stand_still_is_two_measurements():
@@ -351,7 +386,7 @@ def test_stand_still_is_two_measurements():
     mean, spread = state[1][0, 0], SHARE * state[2][0, 0]
     for place, sigma in ((V, 0.05), (A, 0.2)):
         mean, spread = joseph(mean, spread, np.eye(SIZE)[place], -mean[place], sigma**2)
-    hearing.stand_still(state[1], state[2], 0.05, 0.2)
+    standing.stand_still(state[1], state[2], 0.05, 0.2)
     for local in range(2):
         assert state[1][0, local] == pytest.approx(mean, rel=1e-9, abs=1e-12)
         assert close(SHARE * state[2][0, local], spread)
@@ -360,6 +395,6 @@ def test_stand_still_is_two_measurements():
 def test_a_running_train_is_not_made_to_stand():
     """A loop over a dead zone and a radar that lost the ground look like standing."""
     _, x, P = one()
-    hearing.stand_still(x, P, 0.05, 0.2)
+    standing.stand_still(x, P, 0.05, 0.2)
     assert np.array_equal(x, one()[1])
     assert np.array_equal(P, one()[2])

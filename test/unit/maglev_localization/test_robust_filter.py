@@ -199,7 +199,12 @@ def test_a_wrong_id_far_away_does_not_carry_the_train_off(train):
 
 
 def test_standstill_holds_the_train(make_train):
-    """A minute of rest with a radar that trembles: the place does not wander, its sigma neither."""
+    """
+    A minute of rest with a radar that trembles: the place does not wander, its sigma neither.
+
+    One reading in eighty is beyond what a radar tells of a train that stands; two such in a row
+    look like a departure, until the count is seen to stand: within a crossing all is possible.
+    """
     train = make_train(rest_s=60.0, seconds=62.0)
     rng = np.random.default_rng(13)
     stream = [
@@ -210,8 +215,10 @@ def test_standstill_holds_the_train(make_train):
     rider = Rider(train).ride(stream)
     time_s, along, sigma, speed, _ = train.errors(rider.estimates)
     rested = time_s > 1003.0
-    assert np.abs(along[rested] - along[rested][0]).max() < 0.12
-    assert np.abs(speed[rested]).max() < 0.05
+    wandered = np.abs(along[rested] - along[rested][0])
+    assert np.mean(wandered < 0.2) > 0.97
+    assert wandered.max() < 0.5
+    assert np.mean(np.abs(speed[rested]) < 0.05) > 0.95
     assert sigma[-1] < 1.1 * sigma[rested][0]
 
 
@@ -226,6 +233,28 @@ def test_departure_is_noticed(make_train, pull):
     assert np.abs(speed[after]).max() < 0.7
     assert (np.abs(along) < 3.0 * sigma)[after].all()
     assert np.mean((np.abs(speed) < 3.0 * sigma_speed)[after]) > 0.95
+
+
+@pytest.mark.parametrize(
+    ('lost_m', 'silent_s'), [(1.0, 0.0), (5.0, 0.0), (30.0, 0.0), (5.0, 1.5), (30.0, 1.5)]
+)
+def test_departure_over_a_dead_zone_is_told_by_the_radar(make_train, lost_m, silent_s):
+    """The count stands while the train sets out, the radar may be silent then: sigma knows it."""
+    train = make_train(rest_s=20.0, seconds=40.0)
+    held = train.at(1000.0)[0] + lost_m
+    stream = [
+        z._replace(reading=5.0 if train.at(z.time_s)[0] < held else z.reading - 0.2 * 5 * lost_m)
+        if isinstance(z, LoopPosition)
+        else z
+        for z in train.measurements()
+        if not (isinstance(z, RadarSpeed) and 1020.0 < z.time_s < 1020.0 + silent_s)
+    ]
+    rider = Rider(train, variance=0.05**2).ride(stream)
+    time_s, along, sigma, speed, _ = train.errors(rider.estimates)
+    told = time_s > 1020.6 + silent_s
+    assert np.abs(along[told]).max() < (0.4 if silent_s == 0.0 else 1.5)
+    assert (np.abs(along) < 3.0 * sigma)[told].all()
+    assert np.abs(speed[time_s > 1022.0 + silent_s]).max() < 0.3
 
 
 def positive(P):
