@@ -109,6 +109,9 @@ def predict(
     Q = np.zeros((INERTIAL, INERTIAL))
     process_noise(first, span, noise.gyro, noise.accel, noise.gyro_bias, noise.accel_bias, Q)
     spread(P, Phi, Q, span, noise)
+    if P.shape[0] == SIZE:
+        for k in range(SLOW - 9, SLOW - 6):
+            aux[k] *= math.exp(-span / noise.slow_s)
 
 
 @njit(cache=True)

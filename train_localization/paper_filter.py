@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 SIZE, DR, SCALE = 19, 15, 18
 FADING_MEMORY = 0.95
 """Of the innovation's variance, eq. (6)."""
+LONGEST_STEP_S = 2.0
+"""An odometer's speed tells nothing of what was longer ago [s]: dead reckoning begins anew."""
 
 
 @njit(cache=True)
@@ -143,12 +145,15 @@ class PaperFilter:
     def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
         """Carry the dead-reckoned position on; correct by it where there is no fix, eq. (4)."""
         nav, aux, P = state.nav, state.aux, state.P
-        elapsed = heard.time_s - state.wheel_s if math.isfinite(state.wheel_s) else 0.0
-        forward = kernels.rotation(nav)[:, 0]
-        way = heard.speed / (1.0 + aux[9]) * min(elapsed, 2.0)
-        aux[6:9] += way * forward
-        self._carry(P, kernels.rotation(nav), way, heard.speed * min(elapsed, 2.0))
+        elapsed = heard.time_s - state.wheel_s
         state = state._replace(wheel_s=heard.time_s)
+        if elapsed > LONGEST_STEP_S:
+            self._set_dead_reckoning(state)
+            return state
+        R_nb, run = kernels.rotation(nav), heard.speed * elapsed
+        way = run / (1.0 + aux[9])
+        aux[6:9] += way * R_nb[:, 0]
+        self._carry(P, R_nb, way, run)
         lost = state.axes == 0 or state.time_s - state.fixed_s > LOST_AFTER_S
         if not lost:
             return state
@@ -156,9 +161,9 @@ class PaperFilter:
         R = np.full(3, self._config.paper.dr_sigma_m**2)
         settling = state.time_s - state.began_s < SETTLING_S
         V = np.full(3, math.inf) if settling else aux[10:13]
-        moved = nav[:3].copy()
+        before = nav[:3].copy()
         correct(nav, aux[:10], P, ahead, R, DR, 3, V, self._config.paper.fading_limit)
-        aux[6:9] -= -kernels.apart(nav, moved[0], moved[1], moved[2])
+        aux[6:9] += kernels.apart(nav, *before)
         return state
 
     @staticmethod
@@ -174,8 +179,13 @@ class PaperFilter:
 
     @staticmethod
     def _set_dead_reckoning(state: Fused) -> None:
-        """Let dead reckoning start from the navigated position, errors and all."""
-        state.aux[6:9] = 0.0
+        """
+        Let dead reckoning start from the navigated position, errors and all.
+
+        It is carried on from odometer to odometer, so its place is that of the last of them.
+        """
+        since = min(state.time_s - state.wheel_s, LONGEST_STEP_S)
+        state.aux[6:9] = -state.nav[3:6] * since
         P = state.P
         P[DR:SCALE, :] = P[:3, :]
         P[:, DR:SCALE] = P[:, :3]

@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 
 ALIGNING = 'aligning'
 START_WITHIN_S, START_SHARE, START_SIGMA_MPS = 2.0, 0.05, 0.5
-"""A given pose waits so long for an odometer speed [s]; of the way until then so much is unsure;
-of that speed [m/s]."""
+"""A given pose waits so long for an odometer speed [s]; of the way until then and of that speed so
+much is unsure, and at least so much of the speed [m/s]."""
 RESTART_S = 2.0
 """When all stamps have been too late for so long, time began anew [s]."""
 SILENT_S = 1.5
@@ -229,7 +229,8 @@ class TrainPipeline:
         way = R_nb[:, 0] * heard.speed * (heard.time_s - time_s)
         covariance = covariance + np.diag([*(np.abs(way) * START_SHARE) ** 2, 0.0, 0.0, 0.0])
         moved = kernels.moved(geodetic, way)
-        return start_at(heard.time_s, moved, R_nb, covariance, heard.speed, START_SIGMA_MPS)
+        sigma = math.hypot(START_SIGMA_MPS, START_SHARE * heard.speed)
+        return start_at(heard.time_s, moved, R_nb, covariance, heard.speed, sigma)
 
     def _make_filter(self) -> Any:
         method, placing = self._config.method, self._placing

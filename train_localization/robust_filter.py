@@ -20,8 +20,11 @@ from train_localization.standing import STILL_SIGMA_MPS, quiet
 
 Array = NDArray[np.float64]
 
-SETTLING_S = 5.0
-"""After a start nothing is refused for so long [s]."""
+SETTLING_S, SETTLING_SHARE = 5.0, 0.05
+"""
+After a start nothing is refused for so long [s]; a wheel that slips just then is not found out, so
+a share of the odometer's speed is unsure.
+"""
 LOST_AFTER_S = 2.5
 """Without a fix for so long there is an outage [s]."""
 STILL_AFTER_S, STILL_MPS = 1.0, 0.02
@@ -261,11 +264,13 @@ class RobustFilter:
         tangent = to_level @ self._track.tangent(s)
         left = np.array([-tangent[1], tangent[0], 0.0]) / max(math.hypot(*tangent[:2]), 1e-6)
         if speed > LEAST_MPS:
-            R = np.array([line.local_sigma_m**2, line.height_sigma_m**2])
+            # The wander is no white noise: what is seen of it within its length counts once.
+            alike = max(line.rate_hz * line.wander_m / speed, 1.0)
+            R = alike * np.array([line.local_sigma_m**2, line.height_sigma_m**2])
             ahead = to_level @ (self._track.position(s) - position)
             nis = kernels.line(
                 nav, aux, P, ahead, left, np.cross(tangent, left), R,
-                math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
+                alike * math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
             )  # fmt: skip
             state = state._replace(nis=nis, reason='off_the_map' if nis > MAP_GATE else '')
         return state._replace(mapped_s=now, chainage=s, trusted=trusted)
@@ -300,6 +305,8 @@ class RobustFilter:
         gained = state.gain * (state.time_s - heard.time_s + max(wheel.delay_s, 0.0))
         R = max(wheel.sigma_mps**2, heard.variance)
         settling = state.time_s - state.began_s < SETTLING_S
+        if settling:
+            R += (SETTLING_SHARE * heard.speed) ** 2
         if state.refused_wheel >= wheel.recover_after:
             P[3:6, 3:6] += np.eye(3) * (heard.speed - kernels.speed_of(nav)) ** 2
             settling = True

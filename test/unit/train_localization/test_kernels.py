@@ -203,3 +203,20 @@ def test_covariance_spreads_as_the_transition_says(state, rng):
     expected = whole @ P @ whole.T + driven
     kernels.spread(P, Phi, Q, 1.0, noise)
     np.testing.assert_allclose(P, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_what_is_known_of_the_slow_error_fades_with_its_correlation_time(state):
+    """A first-order process: after its correlation time mean and sigma about it are as exp(-1)."""
+    nav, aux, P = state
+    aux[SLOW - 9 : SLOW - 6] = [1.0, -2.0, 3.0]
+    P[:] = np.diag(np.full(SIZE, 1e-6))
+    noise = kernels.Noise(0.0, 0.0, 0.0, 0.0, 0.64, 2.25, 0.5)
+    stamps, still = np.array([0.25, 0.5]), np.zeros((2, 3))
+    others = np.delete(aux, [SLOW - 9, SLOW - 8, SLOW - 7])
+    kernels.predict(nav, aux, P, 0.0, stamps, still, still, np.zeros(6), noise, np.empty((15, 15)))
+    np.testing.assert_allclose(aux[SLOW - 9 : SLOW - 6], np.array([1.0, -2.0, 3.0]) / np.e)
+    np.testing.assert_array_equal(np.delete(aux, [SLOW - 9, SLOW - 8, SLOW - 7]), others)
+    forgotten = 1.0 - np.exp(-2.0)
+    np.testing.assert_allclose(
+        np.diag(P)[SLOW : SLOW + 3], forgotten * np.array([0.64, 0.64, 2.25]), rtol=1e-5
+    )

