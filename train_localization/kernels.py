@@ -200,22 +200,23 @@ def fix(
     Update with a fix ``ahead`` (3,) of the state [m], white variances ``R`` (3,), in place.
 
     Of the first ``axes`` axes. Return the greatest NIS of an axis; above ``gate`` nothing was done,
-    above ``huber`` the variances were raised by as much (Huber).
+    above ``huber`` it counts as if its innovation were expected to be as much greater (Huber).
     """
     n = P.shape[0]
     worst = 0.0
+    expected = np.zeros(3)
     for k in range(axes):
         j = SLOW + k
-        S = P[k, k] + 2.0 * P[k, j] + P[j, j] + R[k]
-        worst = max(worst, (ahead[k] - aux[j - 9]) ** 2 / S)
+        expected[k] = P[k, k] + 2.0 * P[k, j] + P[j, j] + R[k]
+        worst = max(worst, (ahead[k] - aux[j - 9]) ** 2 / expected[k])
     if worst > gate:
         return worst
-    factor = max(1.0, worst / huber)
+    more = max(worst / huber, 1.0) - 1.0
     dx, h = np.zeros(n), np.zeros(n)
     for k in range(axes):
         h[:] = 0.0
         h[k], h[SLOW + k] = 1.0, 1.0
-        update(P, h, R[k] * factor, ahead[k] - aux[SLOW + k - 9], dx)
+        update(P, h, R[k] + more * expected[k], ahead[k] - aux[SLOW + k - 9], dx)
     give(nav, aux, dx)
     return worst
 

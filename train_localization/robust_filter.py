@@ -40,6 +40,11 @@ BIAS_AFTER_REST = 0.2
 """Share of the gyro biases' sigma that is left after a rest."""
 AXES_OF = {'BDS/SINS': 3, 'height-aided': 2}
 LOST_M = 50.0
+ALIKE = 10.0
+"""
+A fix that claims more than the usual slow error has more of it; so many in a row, one a second, are
+taken to err alike.
+"""
 MAP_GATE, MAP_LIMIT = 25.0, 4.0
 ANY = 1e300
 GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
@@ -284,6 +289,9 @@ class RobustFilter:
         ahead -= nav[3:6] * (fix.time_s - state.time_s)
         claimed = np.sqrt(np.maximum(np.diag(fix.covariance), 0.0))
         R = np.maximum(gnss.white_share * claimed, gnss.least_sigma_m) ** 2
+        slow = np.array([gnss.slow_sigma_m, gnss.slow_sigma_m, gnss.slow_sigma_up_m])
+        worse = (1.0 - min(gnss.white_share, 1.0) ** 2) * claimed**2 - slow**2
+        R += ALIKE * np.maximum(worse, 0.0)
         settling = state.time_s - state.began_s < SETTLING_S
         if state.refused_fixes >= gnss.recover_after:
             P[:3, :3] += np.diag(ahead**2 + LOST_M**2)

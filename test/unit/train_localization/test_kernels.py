@@ -119,23 +119,19 @@ def test_fix_corrects_position_and_slow_error_together(state):
     assert_same((nav, aux, P), expected)
 
 
-@pytest.mark.parametrize(('off_m', 'weight'), [(1.0, 'full'), (4.0, 'less'), (80.0, 'none')])
-def test_a_fix_far_off_weighs_less_or_nothing(state, off_m, weight):
-    """Huber: beyond the knee the correction grows with the root of what it would have been."""
+@pytest.mark.parametrize('known', [0.25, 25.0])
+@pytest.mark.parametrize(('sigmas', 'weight'), [(1.0, 1.0), (4.0, 6.6 / 16.0), (80.0, 0.0)])
+def test_a_fix_far_off_weighs_less_or_nothing(state, known, sigmas, weight):
+    """Huber: beyond the knee as much less as its NIS is above it, however little is known."""
     nav, aux, P = state
-    P[:] = np.diag(np.full(SIZE, 0.25))
+    P[:] = np.diag(np.full(SIZE, known))
     aux[:] = 0.0
-    north = nav[0]
-    nis = kernels.fix(nav, aux, P, np.array([0.0, off_m, 0.0]), np.full(3, 0.5), 2, 6.6, 25.0)
-    assert nis == pytest.approx(off_m**2 / 1.0)
+    north, R = nav[0], 0.5
+    expected = 2.0 * known + R
+    ahead = np.array([0.0, sigmas * np.sqrt(expected), 0.0])
+    assert kernels.fix(nav, aux, P, ahead, np.full(3, R), 2, 6.6, 25.0) == pytest.approx(sigmas**2)
     correction = (nav[0] - north) * 6.36e6
-    full = 0.25 * off_m
-    if weight == 'full':
-        assert correction == pytest.approx(full, rel=0.01)
-    elif weight == 'less':
-        assert 0.2 * full < correction < 0.8 * full
-    else:
-        assert correction == 0.0
+    assert correction == pytest.approx(weight * known / expected * ahead[1], rel=0.01)
 
 
 def test_three_satellites_correct_the_plane_only(state):

@@ -1,0 +1,60 @@
+"""The robust filter, told measurement after measurement; what it is told is made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from track_localization.estimation import so3
+from track_localization.estimation.earth import earth_rate, gravity, transport_rate
+from track_localization.settings import override
+from train_localization.alignment import start_at
+from train_localization.config import TrainConfig
+from train_localization.kernels import apart, moved
+from train_localization.measurements import GnssFix, WheelSpeed
+from train_localization.robust_filter import Fix, RobustFilter, Stretch
+
+LATITUDE, V, EPOCH_S = 0.7, 50.0, 0.1
+BEGIN = np.array([LATITUDE, 0.3, 0.0])
+
+
+def drive(seconds, off_m, sigma_m):
+    """Drive north with a fix a second, all ``off_m`` east; return error east and sigma [m]."""
+    sure = {'imu.grade': 'navigation', 'wheel.mounting_sigma_deg': 0.0}
+    filter_ = RobustFilter(override(TrainConfig(), sure))
+    covariance = np.diag([0.25, 0.25, 0.25, 1e-8, 1e-8, 1e-8])
+    R_nb = so3.matrix_from_rpy(0.0, 0.0, np.pi / 2)
+    state = filter_.start(start_at(0.0, BEGIN, R_nb, covariance, V, 0.1))
+    earth, transport = np.empty(3), np.empty(3)
+    earth_rate(LATITUDE, earth)
+    transport_rate(state.nav, transport)
+    falling = np.array([0.0, 0.0, gravity(LATITUDE, 0.0)])
+    force = R_nb.T @ (falling + np.cross(2.0 * earth + transport, [0.0, V, 0.0]))
+    turn = R_nb.T @ (earth + transport)
+    for k in range(1, round(seconds / EPOCH_S) + 1):
+        t = k * EPOCH_S
+        stamps = t - EPOCH_S + EPOCH_S * np.arange(1, 11) / 10
+        stretch = Stretch(t, stamps, np.tile(turn, (10, 1)), np.tile(force, (10, 1)))
+        for heard in (stretch, WheelSpeed(t, V, 0.01)):
+            state = filter_.apply(state, heard)
+        if k % 10 == 0:
+            place = moved(BEGIN, np.array([off_m, V * t, 0.0]))
+            fix = GnssFix(t, *place, np.eye(3) * sigma_m**2)
+            state = filter_.apply(state, Fix(t, fix, 3))
+    true = moved(BEGIN, np.array([0.0, V * seconds, 0.0]))
+    return -apart(state.nav, *true)[0], np.sqrt(state.P[0, 0])
+
+
+def test_fixes_that_claim_much_do_not_carry_the_train_away():
+    """Half a minute of them, 4 m off and claiming 3: they err alike, and are no 30 witnesses."""
+    error, sigma = drive(30.0, 4.0, 3.0)
+    assert error < 2.0
+    assert error < 2.5 * sigma
+
+
+def test_usual_fixes_are_followed_as_far_as_their_slow_error_lets():
+    """0.5 m known at the start and 0.8 m of slow error share 1 m as their variances."""
+    error, sigma = drive(30.0, 1.0, 0.85)
+    share = 0.25 / (0.25 + 0.64)
+    assert error == pytest.approx(share, abs=0.25)
+    assert sigma == pytest.approx(0.8 * np.sqrt(share), abs=0.15)
