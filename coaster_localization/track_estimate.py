@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,12 @@ from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.line_map import STRETCH, TANGENT, LineMap
 
 Array = NDArray[np.float64]
+
+BENT_M = 1.0
+"""Sigma of the chainage above which the line's bends make the position's covariance."""
+_MIDDLES = np.array([NormalDist().inv_cdf((k + 0.5) / 6.0) for k in range(6)])
+QUANTILES = _MIDDLES / _MIDDLES.std()
+"""The middles of equal shares of a normal distribution, of unit variance together."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +98,11 @@ class TrackEstimate:
         i, _ = self._row
         tangent = self.line.rows[i, 0:9].reshape(3, 3) @ self._tangent
         out = np.zeros((6, 6))
-        out[0:3, 0:3] = self.P[0, 0] * self._stretch**2 * np.outer(tangent, tangent)
+        if self.P[0, 0] > BENT_M**2:
+            s, sigma = np.array([self.x[0]]), np.sqrt(self.P[0:1, 0])
+            out[0:3, 0:3] = bent_covariance(self.line, s, sigma)[0]
+        else:
+            out[0:3, 0:3] = self.P[0, 0] * self._stretch**2 * np.outer(tangent, tangent)
         out[0:3, 0:3] += self.line_sigma**2 * np.eye(3)
         tilt = slice(kernel.TILT, kernel.TILT + 3)
         mount = slice(kernel.MOUNT, kernel.MOUNT + 3)
@@ -124,6 +135,21 @@ class TrackEstimate:
         return float(self.line.rows[self._row[0], STRETCH])
 
 
+def bent_covariance(line: LineMap, s: Array, sigma: Array) -> Array:
+    """
+    Return the covariance (N, 3, 3) of positions whose chainages (N,) are known to ``sigma`` (N,).
+
+    About the position at ``s`` itself, which is what is given out.
+    """
+    at = s[:, None] + sigma[:, None] * QUANTILES
+    at = at % line.length if line.closed else np.clip(at, 0.0, line.length)
+    centre = s % line.length if line.closed else s
+    apart = line.line.position(at.ravel()).reshape(*at.shape, 3)
+    apart -= line.line.position(centre)[:, None, :]
+    out: Array = np.einsum('nki,nkj->nij', apart, apart) / len(QUANTILES)
+    return out
+
+
 def to_trajectory(time_s: Array, x: Array, P: Array, line: LineMap, sigma: float) -> Trajectory:
     """
     Return states (N, 30) of the line filter as a trajectory.
@@ -139,6 +165,8 @@ def to_trajectory(time_s: Array, x: Array, P: Array, line: LineMap, sigma: float
     C, M = x[:, 2:11].reshape(-1, 3, 3), x[:, 11:20].reshape(-1, 3, 3)
     along = P[:, 0, 0] * stretch**2
     covariance = along[:, None, None] * np.einsum('ni,nj->nij', tangent, tangent)
+    vague = P[:, 0, 0] > BENT_M**2
+    covariance[vague] = bent_covariance(line, x[vague, 0], np.sqrt(P[vague, 0, 0]))
     covariance += sigma**2 * np.eye(3)
     speed = x[:, 1] * stretch
     return Trajectory(

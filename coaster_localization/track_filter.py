@@ -20,11 +20,16 @@ from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_start import (
     DRIFT,
     PLACE_ALONE_M,
+    SURE_REST_S,
     Hypotheses,
     at_rest,
     either,
     is_firm,
     mount_of,
+    not_far,
+    set_place,
+    sits_as_told,
+    slow_elsewhere,
     under_way,
 )
 from coaster_localization.track_states import Doubt, Epoch, Origin, TrackState
@@ -53,15 +58,24 @@ MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
 """How often hypotheses are merged, how light one may be, and how many there may be."""
 SURE = 0.999
 """One hypothesis of this weight is followed alone, once the line has turned enough to tell."""
+TILTED_STATION_SHARE = 0.9
+"""Chance that a train that shows a rest, but another slope than the station's, stands there."""
 STATION_SHARE = 0.99
 """Chance that a train which hardly shakes is in the station, against anywhere else."""
 TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
 """How far that is, after a start in the station and after one anywhere [rad]."""
 FASTEST_MPS = 100.0
 """A hypothesis faster than this has run away."""
+BEYOND_M, BEYOND_SIGMAS = 5.0, 3.0
+"""So far beyond the end of an open line no train can be."""
 EARLY, WIDER = 0.3, 0.3
 """What is seen of a doubtful start while a few places look alike tells less than it seems: the
 share of its likelihood that counts, and the power of the weights that open the covariance."""
+NEW_FORCE = 2.0
+"""What the force shows is news again when it has changed so much [m/s^2]."""
+WRONG_WAY_MPS, WRONG_WAY = 0.5, 2.0
+"""A train leaves the station as its design does: one faster than this [m/s] the other way becomes
+less likely by so much, as a logarithm, every second."""
 TURNING = 0.15
 """What the sensor turns faster than this is the line's doing [rad/s]."""
 LOST = 0.9
@@ -124,6 +138,8 @@ class CoasterTrackFilter:
         self._rest = self._known_rest
         self._standing: TrackState | None = None
         self._seen: Rest | None = None
+        self._stands_s = math.inf
+        self._hasty = False
         self._look_s = -math.inf
         self._running = False
         self.doubts: list[Doubt] = []
@@ -150,11 +166,11 @@ class CoasterTrackFilter:
         R = kernel.attitude_at(*self._table, chainage_m)
         x[0], x[2:11] = chainage_m, (R @ x[11:20].reshape(3, 3)).ravel()
         P[0, :], P[:, 0] = 0.0, 0.0
-        P[0, 0] = self._start_sigma**2
         turned = slice(kernel.TILT, kernel.TILT + 3)
         P[turned, :], P[:, turned] = 0.0, 0.0
         mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
         P[turned, turned] = R @ mount @ R.T + self.config.attitude_sigma**2 * np.eye(3)
+        set_place(P, self.line, chainage_m, self._start_sigma)
         self._begin(self._monitor_s, Hypotheses(x[None], P[None], np.zeros(1)))
 
     def diagnostics(self) -> dict[str, float | str]:
@@ -216,9 +232,10 @@ class CoasterTrackFilter:
         rest = observe_rest(latest)
         if rest is not None and is_firm(rest):
             self._seen = rest
+            self._stands_s = min(self._stands_s, latest[0].time_s)
             while waiting[0].time_s < latest[0].time_s:
                 waiting.popleft()
-            start = at_rest(self.line, self._start_m, self._start_sigma, rest, config)
+            start = self._standing_since(rest, sample.time_s)
             best = int(np.argmax(start.log_weight))
             lost = 1.0 - float(np.exp(start.log_weight[best]))
             self._standing = TrackState(sample.time_s, start.X[best], start.P[best], lost)
@@ -226,7 +243,11 @@ class CoasterTrackFilter:
         if self._standing is not None and self._seen is not None:
             known = self._start_sigma <= PLACE_ALONE_M
             turn = TURN_AT_REST if known else TURN_UNDER_WAY
-            self._begin(waiting[0].time_s, self._leaving(self._seen), turn)
+            self._hasty = sample.time_s - self._stands_s < SURE_REST_S
+            start = self._standing_since(self._seen, sample.time_s)
+            self._rest = self._known_rest if self._hasty else self._seen
+            self._begin(waiting[0].time_s, start, turn)
+            self._way = 0.0 if self._hasty else self._first_way()
         elif span >= config.seek_after_s:
             self._begin(waiting[0].time_s, self._met(rest), TURN_UNDER_WAY)
         else:
@@ -236,10 +257,23 @@ class CoasterTrackFilter:
         waiting.clear()
         return states[-1:] if standing is not None else states
 
-    def _leaving(self, seen: Rest) -> Hypotheses:
-        """Return hypotheses of a train that has stood as ``seen`` and begins to move."""
-        self._rest = seen
-        return at_rest(self.line, self._start_m, self._start_sigma, seen, self.config)
+    def _standing_since(self, seen: Rest, time_s: float) -> Hypotheses:
+        """Return hypotheses of a train that has stood as ``seen`` until ``time_s``."""
+        place = (self.line, self._start_m, self._start_sigma)
+        lasted_s = time_s - self._stands_s
+        if self._known_rest is not None and lasted_s < SURE_REST_S:
+            return at_rest(*place, self._known_rest, self.config, leaves=True)
+        start = at_rest(*place, seen, self.config, lasted_s=lasted_s)
+        if not sits_as_told(self.line, self._start_m, seen, self.config):
+            elsewhere = slow_elsewhere(self.line, seen, self.config)
+            if elsewhere is not None:
+                self._hasty = True
+                start = either(start, elsewhere, TILTED_STATION_SHARE)
+        return start
+
+    def _first_way(self) -> float:
+        """Return 1 where the design ride begins forward, -1 backward, 0 where there is none."""
+        return float(np.sign(self.line.passes[0, 1])) if len(self.line.passes) else 0.0
 
     def _met(self, loose: Rest | None) -> Hypotheses:
         """
@@ -271,6 +305,8 @@ class CoasterTrackFilter:
         count = len(self.X)
         self._sums, self._driven = np.zeros((count, kernel.SUMS)), np.zeros((count, 1))
         self._log_lost = math.log(1e-4)
+        self._told = np.zeros(3)
+        self._way = 0.0
         self.lost, self._lost_since = 0.0, math.inf
         self._running = self._first = True
         self._epoch_s = self._leveled_s = self._merged_s = self._monitor_s = time_s
@@ -326,7 +362,11 @@ class CoasterTrackFilter:
             float(np.linalg.norm(step.w_mean - self.X[0, 20:23])),
             line_bank.turning(self.X, weight, *self._table),
         )
-        share = line_bank.news(T, rate) * (1.0 if self._turn_left <= 0.0 else EARLY)
+        force_news = share = line_bank.news(T, rate)
+        if float(np.linalg.norm(step.f_mean - self._told)) > NEW_FORCE:
+            force_news, self._told = 1.0, step.f_mean
+        share *= 1.0 if self._turn_left <= 0.0 else EARLY
+        force_news *= 1.0 if self._turn_left <= 0.0 else EARLY
         about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()
@@ -345,7 +385,7 @@ class CoasterTrackFilter:
             sigma = 0.7 + math.sqrt(float(step.shake[0:3].max()))
             line_bank.close_all(
                 *(self.X, self.P, self._sums, self._driven, self._log_weight),
-                *(*self._table, *about, sigma, share),
+                *(*self._table, *about, sigma, share, force_news),
             )
         self._weigh(step.time_s, T, share)
 
@@ -354,11 +394,16 @@ class CoasterTrackFilter:
         alone = len(self.X) == 1
         sound = np.isfinite(self._log_weight) & (np.abs(self.X[:, 1]) < FASTEST_MPS)
         sound &= np.isfinite(self.P[:, 0, 0]) & (self.P[:, 0, 0] > 0.0)
+        if not (self.line.closed or alone):
+            beyond = np.maximum(-self.X[:, 0], self.X[:, 0] - self.line.length)
+            sound &= beyond < BEYOND_M + BEYOND_SIGMAS * np.sqrt(self.P[:, 0, 0])
         if not sound.any():
             self._seek(time_s)
             return
         if not sound.all():
             self._keep(np.flatnonzero(sound))
+        if self._turn_left > 0.0:
+            self._log_weight[self.X[:, 1] * self._way < -WRONG_WAY_MPS] -= WRONG_WAY * T
         self._log_lost += share * line_bank.LOST_LIKELIHOOD
         total = float(np.logaddexp.reduce(np.append(self._log_weight, self._log_lost)))
         self._log_weight -= total
@@ -409,7 +454,7 @@ class CoasterTrackFilter:
         M = x[11:20].reshape(3, 3).copy()
         found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
         self.relocations += 1
-        self._begin(time_s, found, TURN_UNDER_WAY)
+        self._begin(time_s, not_far(found, x, P, self.line), TURN_UNDER_WAY)
 
     def _keep(self, rows: NDArray[np.int64]) -> None:
         self.X, self.P = self.X[rows], self.P[rows]
@@ -429,6 +474,8 @@ class CoasterTrackFilter:
 
     def _quiet(self, step: ImuStep) -> bool:
         """Whether the sensor shakes as little as in the station, under 1 g."""
+        if self._hasty and self._turn_left > 0.0:
+            return False
         force_std, rate_std = USUAL_REST
         if self._rest is not None:
             force_std, rate_std = self._rest.force_std, self._rest.rate_std

@@ -12,17 +12,19 @@ from track_localization.errors import DataError
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide
 from track_localization.track.learned_line import LearnedLine
-from track_localization.track.line_map import RENEWAL, SIGMA, SPEED, SPEED_SIGMA, LineMap
+from track_localization.track.line_map import CLIMB, RENEWAL, SIGMA, SPEED, SPEED_SIGMA, LineMap
 from track_localization.track.track_file import TrackFile
 
 Array = NDArray[np.float64]
 
-SLOWEST_MPS = 1.0
+SLOWEST_MPS = 0.5
 """Below this the design ride's speed says nothing: it stops, starts or waits there."""
 PLACE_SIGMA_M = 0.7
 """Where brakes and drives take hold differs from the design by this much."""
 DRIVEN_ACCEL, DRIVEN_MPS = 0.03, 8.0
 """A train that keeps its speed within this [m/s^2] below this speed is driven."""
+COASTING_ACCEL = 0.25
+"""One that keeps it within this, on a level line, coasts at the speed that a brake let it have."""
 PASS_M, PASS_MPS = 4.0, 0.3
 """A train met under way is looked for every so many metres, where it moves [m/s]."""
 SAME_LENGTH_M = 1.0
@@ -135,13 +137,16 @@ def regime_changes(speed: Array, table: LineMap) -> Array:
     Return how fast a deviation from the usual speed is renewed (M,) [1/m].
 
     A lift, a tyre drive or a trim keeps a speed of its own: how far one is off says nothing of
-    the next. Their ends are where the speed begins or ceases to be constant.
+    the next. Their ends are where the speed begins or ceases to be constant. So it is where a
+    brake has let go, and the train coasts on the level.
     """
     acceleration = uniform_filter1d(np.nan_to_num(speed * np.gradient(speed, table.step_m)), 11)
-    driven = (np.abs(acceleration) < DRIVEN_ACCEL) & (speed < DRIVEN_MPS)
+    slow, pull = speed < DRIVEN_MPS, np.abs(table.rows[:, CLIMB])
+    driven = slow & (np.abs(acceleration) < DRIVEN_ACCEL)
+    coasting = slow & (np.maximum(np.abs(acceleration), pull) < COASTING_ACCEL)
     size = round(2.0 * CHANGE_M / table.step_m)
-    driven = maximum_filter1d(minimum_filter1d(driven, size), size)
-    edges = np.flatnonzero(np.diff(driven.astype(int)))
     near = np.zeros(len(speed))
-    near[edges] = 1.0
+    for held in (driven, coasting):
+        held = maximum_filter1d(minimum_filter1d(held, size), size)
+        near[np.flatnonzero(np.diff(held.astype(int)))] = 1.0
     return np.asarray(maximum_filter1d(near, size) * (RENEWED / (2.0 * CHANGE_M)))

@@ -13,7 +13,7 @@ from coaster_localization.start import Rest
 from coaster_localization.track_config import TrackFilterConfig
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation import so3
-from track_localization.track.line_map import LineMap
+from track_localization.track.line_map import TURNING, LineMap
 
 Array = NDArray[np.float64]
 
@@ -21,8 +21,9 @@ PLACE_SPACING_M, HEADING_SPACING_DEG = 4.0, 20.0
 """How far apart hypotheses of a doubtful start and of the mount's heading are."""
 PLACE_ALONE_M = 2.0
 """A doubt up to this needs one hypothesis only."""
-TURNED_SHARE = 0.1
-"""How likely a sensor is turned about the vertical, against one that sits as it was said to."""
+TURNED_SHARE, MOUNT_SIGMAS = 0.1, 3.0
+"""How likely a sensor is turned about the vertical, against one that sits as it was said to. One
+tilted by more than so many sigmas does not, and any heading is as likely."""
 STANDING_MPS, PACE, MET_MPS = 0.05, 0.1, 0.5
 """Speed of a standing train; of one met under way, as a share and at least [m/s]."""
 FIRM_REST = (0.03, 0.003)
@@ -30,8 +31,16 @@ FIRM_REST = (0.03, 0.003)
 LEVEL_MPS2, LOOSE_REST = 0.02, (0.5, 1.0, 2e-3)
 """Force [m/s^2] besides gravity at a firm rest. Otherwise people move in the train, or it leaves
 already: the same, its speed [m/s], and what the gyro shows besides its bias [rad/s]."""
+SURE_REST_S, BRIEF_REST = 3.0, (1.0, 1.5, 2e-3)
+"""A train that leaves evenly looks for a second as if it stood; not for so long [s]. What a briefer
+rest may hide, like LOOSE_REST."""
 DRIFT = 1.5e-3
 """How far the gyro's bias may drift between the rests before and after a ride [rad/s]."""
+SLOW_MPS = 3.0
+"""A train slower than this may look as if it stood."""
+NEAR_SIGMAS, NEAR_M, ALIKE_RAD, FAR = 3.0, 10.0, 0.3, 0.02
+"""A train that was lost is sought within so many sigmas and metres of where it seemed to be, and
+turned so far from how it seemed turned; elsewhere it is by this share as likely."""
 START_SHARE = 0.5
 """Chance that a ride that shows no rest begins at the start all the same."""
 
@@ -69,11 +78,13 @@ def at_rest(
     rest: Rest,
     config: TrackFilterConfig,
     leaves: bool = False,
+    lasted_s: float = math.inf,
 ) -> Hypotheses:
     """
     Return hypotheses of a train that stands near ``start_m``, levelled by ``rest``.
 
-    ``leaves``: the rest is another one, the train leaves the start already.
+    ``leaves``: the rest is another one, the train leaves the start already. ``lasted_s``: for how
+    long the train has stood so.
     """
     if sigma_m > PLACE_ALONE_M:
         count = math.ceil(3.0 * sigma_m / PLACE_SPACING_M)
@@ -90,6 +101,8 @@ def at_rest(
         speed_sigma, bias_sigma = LOOSE_REST[1], DRIFT
     elif not is_firm(rest):
         level_sigma, speed_sigma, bias_sigma = LOOSE_REST
+    elif lasted_s < SURE_REST_S:
+        level_sigma, speed_sigma, bias_sigma = BRIEF_REST
     if speed_sigma > STANDING_MPS:
         place_sigma = math.hypot(place_sigma, speed_sigma)
     found: list[tuple[Array, Array, float]] = []
@@ -98,16 +111,19 @@ def at_rest(
         if not line.closed and not 0.0 <= s <= line.length:
             continue
         M0, up = mount_of(line, s, rest), _attitude(line, s)[2]
+        as_told = sits_as_told(line, s, rest, config)
         for heading in headings:
             M = so3.exp(heading * up) @ M0
             x, P = state(line, s, 0.0, M, rest.rate, config)
             free = config.mount_sigma_deg if heading == 0.0 else 0.6 * HEADING_SPACING_DEG
             _set_mount(P, _attitude(line, s), math.radians(free), config)
-            P[0, 0], P[1, 1] = place_sigma**2, speed_sigma**2
+            set_place(P, line, s, place_sigma)
+            P[1, 1] = speed_sigma**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
             kernel.level(x, P, rest.force, level_sigma)
             weight = -0.5 * (offset / sigma_m) ** 2
-            weight += 0.0 if heading == 0.0 else math.log(TURNED_SHARE / len(headings))
+            if heading != 0.0 and as_told:
+                weight += math.log(TURNED_SHARE / len(headings))
             found.append((x, P, weight))
     return _stack(found)
 
@@ -131,12 +147,61 @@ def under_way(
     for s, v in [(start_m, 0.0), *line.passes.tolist()]:
         x, P = state(line, s, v, M, gyro_bias[0], config)
         _set_mount(P, _attitude(line, s), mount_sigma, config)
-        P[0, 0] = (0.6 * PLACE_SPACING_M) ** 2
+        set_place(P, line, s, 0.6 * PLACE_SPACING_M)
         P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
         P[8:11, 8:11] = gyro_bias[1] ** 2 * np.eye(3)
         share = START_SHARE if not found else (1.0 - START_SHARE) / count
         found.append((x, P, math.log(share)))
     return _stack(found)
+
+
+def slow_elsewhere(line: LineMap, rest: Rest, config: TrackFilterConfig) -> Hypotheses | None:
+    """
+    Return hypotheses of a train whose ``rest`` was none in the station; None if it was there.
+
+    A sensor that sits as it was said to shows the slope of where it is; a slow drive up a steep
+    line shakes no more than a stop.
+    """
+    found: list[tuple[Array, Array, float]] = []
+    sigma = math.radians(config.mount_sigma_deg)
+    for s, v in line.passes[np.abs(line.passes[:, 1]) < SLOW_MPS].tolist():
+        M = mount_of(line, s, rest)
+        tilted = float(np.linalg.norm(so3.log(M)))
+        if tilted > MOUNT_SIGMAS * sigma:
+            continue
+        x, P = state(line, s, v, M, rest.rate, config)
+        _set_mount(P, _attitude(line, s), sigma, config)
+        set_place(P, line, s, 0.6 * PLACE_SPACING_M)
+        P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
+        P[8:11, 8:11] = DRIFT**2 * np.eye(3)
+        kernel.level(x, P, rest.force, LOOSE_REST[0])
+        found.append((x, P, -0.5 * (tilted / sigma) ** 2))
+    return _stack(found) if found else None
+
+
+def sits_as_told(line: LineMap, s: float, rest: Rest, config: TrackFilterConfig) -> bool:
+    """Whether a sensor at rest at ``s`` is tilted no more than it was said to be."""
+    tilted = float(np.linalg.norm(so3.log(mount_of(line, s, rest))))
+    return tilted < MOUNT_SIGMAS * math.radians(config.mount_sigma_deg)
+
+
+def not_far(found: Hypotheses, x: Array, P: Array, line: LineMap) -> Hypotheses:
+    """
+    Return hypotheses weighed by a state (30,), (18, 18) that went wrong not long ago.
+
+    A train does not leap, keeps its speed for a while, and the gyro still knows about where it is
+    turned to; the weights have heavy tails, for the state may have been wrong from the start.
+    """
+    reach = NEAR_SIGMAS * math.sqrt(P[0, 0]) + NEAR_M
+    apart = found.X[:, 0] - x[0]
+    if line.closed:
+        apart -= line.length * np.round(apart / line.length)
+    near = 1.0 / (1.0 + (apart / reach) ** 2)
+    turned = so3.log(x[2:11].reshape(3, 3) @ np.swapaxes(found.X[:, 2:11].reshape(-1, 3, 3), 1, 2))
+    alike = np.exp(-0.5 * np.sum(turned**2, axis=1) / ALIKE_RAD**2)
+    pace = 1.0 / (1.0 + ((found.X[:, 1] - x[1]) / (0.3 * abs(x[1]) + 2.0)) ** 2)
+    log_weight = np.log(FAR + near) + np.log(FAR + alike) + np.log(FAR + pace)
+    return found._replace(log_weight=log_weight - np.logaddexp.reduce(log_weight))
 
 
 def either(first: Hypotheses, second: Hypotheses, share: float) -> Hypotheses:
@@ -158,7 +223,7 @@ def state(
     x[0], x[1] = s, v
     x[2:11], x[11:20] = (_attitude(line, s) @ M).ravel(), M.ravel()
     x[20:23] = gyro_bias
-    P[0, 0], P[1, 1] = config.start_sigma_m**2, STANDING_MPS**2
+    P[1, 1] = STANDING_MPS**2
     P[8:11, 8:11] = config.gyro_bias_sigma**2 * np.eye(3)
     P[11:14, 11:14] = config.gyro_scale_sigma**2 * np.eye(3)
     P[14:17, 14:17] = config.accel_bias_sigma**2 * np.eye(3)
@@ -172,6 +237,19 @@ def _set_mount(P: Array, R: Array, free: float, config: TrackFilterConfig) -> No
     P[mount, mount] = free**2 * np.eye(3)
     P[tilt, tilt] = (free**2 + config.attitude_sigma**2) * np.eye(3)
     P[tilt, mount], P[mount, tilt] = free**2 * R, free**2 * R.T
+
+
+def set_place(P: Array, line: LineMap, s: float, sigma: float) -> None:
+    """
+    Add that the chainage ``s`` is off by ``sigma`` [m]: where the line turns, the attitude with it.
+
+    To be called once, with no doubt of the chainage in ``P`` (18, 18) yet.
+    """
+    i, _ = kernel.row_of(line.rows, line.step_m, line.closed, s)
+    g = np.zeros(kernel.ERRORS)
+    g[kernel.S] = 1.0
+    g[kernel.TILT : kernel.TILT + 3] = _attitude(line, s) @ line.rows[i, TURNING]
+    P += sigma**2 * np.outer(g, g)
 
 
 def _attitude(line: LineMap, s: float) -> Array:

@@ -23,6 +23,15 @@ START_MPS, START_MPS2 = 30.0, 1.0
 
 FROZEN_AFTER = 3
 
+MOST_NIS, FAIR_NIS, PATIENCE = 9.0, 1.5, 0.02
+MOST_DOUBT = 9.0
+"""A surprise counts up to ``MOST_NIS``; where the mean is above ``FAIR_NIS`` a sensor's noise is
+greater than it claims, and its logarithm follows by ``PATIENCE``, up to ``MOST_DOUBT``."""
+
+IN_STEP, IN_STEP_S, MOST_IN_STEP = 0.25, 0.5, 3.0
+"""Part of a crossing within which readings are in step; so long they stay so [s]; and so many times
+the variance of one is the most that is taken for that."""
+
 ALIVE_S = 1.0
 """A sensor not heard for so long is silent [s]."""
 
@@ -47,6 +56,7 @@ class Counting(NamedTuple):
         still_s: when a filter was last told that the train stands.
         radar_same: radar readings in a row that repeat the one before.
         uneven: share of the count's changes, of late, that were no whole crossings.
+        heading: 1 or -1, the way in which the train ran last.
     """
 
     reading: float
@@ -58,6 +68,7 @@ class Counting(NamedTuple):
     still_s: float
     radar_same: int = 0
     uneven: float = 0.0
+    heading: float = 1.0
 
     def unseen(self, z: RadarSpeed, least: float) -> tuple[float, float]:
         """
@@ -76,6 +87,10 @@ class Counting(NamedTuple):
         """Whether a living radar says that the train moves."""
         alive = time_s - self.radar_s < ALIVE_S and not self.frozen
         return alive and abs(self.radar_mps) > STILL_MPS
+
+    def headed(self, speed: float, least: float) -> Counting:
+        """Return the memory of a train that has this speed [m/s], told from ``least`` on."""
+        return self if abs(speed) < least else self._replace(heading=math.copysign(1.0, speed))
 
     @property
     def frozen(self) -> bool:
@@ -165,9 +180,10 @@ def hear(
         return memory, None
     begin = z.reading if change >= 0.0 else z.reading + pitch - spread
     noise = max(z.variance - pitch * pitch / 12.0, loop.noise_m**2)
+    in_step = _in_step(speed * elapsed, elapsed, pitch) if moved else 1.0
     crossing = Crossing(
         position=begin + 0.5 * spread,
-        variance=spread * spread / 12.0 + noise,
+        variance=in_step * spread * spread / 12.0 + noise,
         crossings=max(speed * elapsed / pitch, 1.0) if pitch > 0.0 else 1.0,
         travel=speed * (z.time_s - memory.used_s) + pitch,
         pitch=pitch,
@@ -175,6 +191,33 @@ def hear(
         departed=departed,
     )
     return memory._replace(used_s=z.time_s), crossing
+
+
+def _in_step(travel: float, elapsed: float, pitch: float) -> float:
+    """
+    Return how many readings share one error of rounding, at a ``travel`` [m] from one to the next.
+
+    Where that is nearly a whole number of crossings, they are rounded alike for many readings: no
+    mean over them is nearer to the truth than one. Beyond ``MOST_IN_STEP`` a crossing missed could
+    no longer be told.
+    """
+    if pitch == 0.0 or travel < 0.5 * pitch:
+        return 1.0
+    off = abs(travel / pitch - round(travel / pitch))
+    alike = min(IN_STEP / max(off, 1e-6), IN_STEP_S / max(elapsed, 1e-6), MOST_IN_STEP)
+    return max(alike, 1.0)
+
+
+def doubted(doubt: float, nis: float, strange: bool) -> float:
+    """
+    Return the logarithm of how much greater a sensor's variance is than it claims, after a reading.
+
+    It has a ``nis`` under that variance; or it is ``strange``: no noise explains it.
+    """
+    surprise = MOST_NIS if strange else min(nis, MOST_NIS)
+    if math.isnan(surprise):
+        return doubt
+    return min(max(doubt + PATIENCE * (surprise - FAIR_NIS), 0.0), MOST_DOUBT)
 
 
 def _unevenness(before: float, change: float, pitch: float) -> float:

@@ -146,7 +146,7 @@ class KalmanFilter:
         if memory.frozen:
             reason = 'gate'
         elif abs(z.speed) < least:
-            reason = _hold_slow(x, P, least)
+            reason = _hold_slow(x, P, memory.heading, least)
         else:
             H[V], H[K] = 1.0 + x[K], x[V]
             nu = z.speed - (1.0 + x[K]) * x[V]
@@ -156,6 +156,7 @@ class KalmanFilter:
                 reason = 'gate'
             else:
                 correct(x, P, PH, spread + z.variance * max(nis / DOUBT, 1.0), nu)
+        memory = memory.headed(float(x[V]), least)
         still = memory.still_sigma(time_s)
         if still > 0.0 and x[V] ** 2 <= GATE * (P[V, V] + still**2):
             for place, sigma in ((V, still), (A, STILL_SIGMA_MPS2)):
@@ -184,14 +185,14 @@ class KalmanFilter:
         return state._replace(reason=reason, nis=nu * nu / (spread + R))
 
 
-def _hold_slow(x: Array, P: Array, least: float) -> str:
+def _hold_slow(x: Array, P: Array, heading: float, least: float) -> str:
     """Hold a speed that a radar below ``least`` [m/s] leaves no room for; return why not, or ''."""
-    sigma = 0.5 * least
-    if 0.0 <= x[V] <= least and P[V, V] <= sigma**2:
+    v, sigma = heading * x[V], 0.5 * least
+    if 0.0 <= v <= least and P[V, V] <= sigma**2:
         return ''
-    level = sigma if x[V] > least else 0.0
-    spread = P[V, V] + (BACKWARD_MPS if x[V] < 0.0 else sigma) ** 2
-    if (level - x[V]) ** 2 > GATE * spread:
+    level = sigma if v > least else 0.0
+    spread = P[V, V] + (BACKWARD_MPS if v < 0.0 else sigma) ** 2
+    if (level - v) ** 2 > GATE * spread:
         return 'gate'
-    correct(x, P, P[:, V].copy(), spread, level - x[V])
+    correct(x, P, P[:, V].copy(), spread, heading * (level - v))
     return ''

@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 from maglev_localization.bank import SHARE, choose
 from maglev_localization.hearing import IGNORED, MOVED, NEARBY, NEVER, PLAIN, log_normal
 from maglev_localization.line_kernels import SIZE, B, C, correct_fully, project, relocate
+from maglev_localization.line_kernels import S as SLOPE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+ASTRAY_SLOPE, NOT_FAR_M = 0.005, 50.0
+"""A train that is astray by no more than that [m] may have a count whose pitch is not as set."""
 GATE = 81.0
 """A balise so many sigmas squared off is not the one."""
 
@@ -115,6 +118,8 @@ def hear_balise(
             if what == MOVED:
                 S += length * length
                 relocate(new_x[i, local], new_P[i, local], chainage[j], R[j] / SHARE)
+                if nu * nu < NOT_FAR_M * NOT_FAR_M:
+                    new_P[i, local, SLOPE, SLOPE] += ASTRAY_SLOPE**2 / SHARE
             else:
                 correct_fully(new_x[i, local], new_P[i, local], H, R[j] / SHARE, nu)
             if i == 0 and local == 0:

@@ -35,6 +35,9 @@ START_WITHIN_S = 2.0
 SPEED_MARGIN_MPS = 10.0
 """A train may have gone so much faster than it was known to in a gap."""
 
+SPEED_UNKNOWN_MPS = 10.0
+"""Nothing is given out while the speed is not even known to this: a filter's first readings."""
+
 REFUSED = {hearing.IGNORED: 'gate', hearing.NEARBY: 'wrong_id'}
 EVENTS = {
     hearing.SHIFT: 'miscounts',
@@ -88,7 +91,6 @@ class ReplayingCore:
             self._history = self._begin(measurement)
             if self._history is None:
                 return None
-        newest = self._history.newest_s
         try:
             replayed = self._history.add(
                 time_s, (measurement, float(self._rng.random())), RANK[sensor]
@@ -98,8 +100,9 @@ class ReplayingCore:
             return None
         if replayed:
             self.events[f'{sensor}.late'] += 1
-        self._note(sensor, measurement, self._history.state_before(replayed))
-        return None if time_s < newest else self._publish(sensor, time_s, self._history.state)
+        state = self._history.state_before(replayed)
+        self._note(sensor, measurement, state)
+        return None if time_s < self._published_s else self._publish(sensor, time_s, state)
 
     def figures(self) -> dict[str, float | str]:
         """Return what diagnostics should tell of the filter itself."""
@@ -158,6 +161,8 @@ class ReplayingCore:
         if sensor == LOOP and not (quiet and state.fused_s == time_s):
             return None
         estimate: Estimate = self._filter.estimate(state)
+        if estimate.sigma_speed > SPEED_UNKNOWN_MPS:
+            return None
         self._watch_count(state.memory, abs(estimate.speed))
         self.health.judge(time_s, self._unseen_m)
         self._published_s, self._latest = estimate.time_s, estimate

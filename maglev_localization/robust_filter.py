@@ -44,6 +44,8 @@ class Bank(NamedTuple):
         says: what the likeliest hypothesis says of the newest measurement (``hearing.PLAIN``, ...).
         nis: normalised innovation squared of that measurement; NaN when it was not used.
         missed_share: of crossings that are missed singly, of late.
+        loop_doubt: logarithm of how much greater the loop's variance is than claimed.
+        radar_doubt: the same of the radar.
     """
 
     log_w: Array
@@ -55,6 +57,8 @@ class Bank(NamedTuple):
     says: int
     nis: float
     missed_share: float
+    loop_doubt: float = 0.0
+    radar_doubt: float = 0.0
 
 
 class RobustFilter:
@@ -118,6 +122,7 @@ class RobustFilter:
         bank.predict_local(x, P, 0, z.time_s - state.loop_s, self._noise)
         memory, crossing = counting.hear(state.memory, z, float(x[0, 0, V]), loop)
         log_w, says, nis, share = state.log_w, hearing.PLAIN, math.nan, state.missed_share
+        doubt = state.loop_doubt
         if crossing is not None and first:
             bank.begin_count(x, P, crossing.position, crossing.variance)
         elif crossing is not None and (
@@ -130,7 +135,7 @@ class RobustFilter:
                 x,
                 P,
                 crossing.position,
-                crossing.variance,
+                crossing.variance * math.exp(doubt),
                 crossing.pitch,
                 share * crossing.crossings,
                 EXTRA_SHARE * share * crossing.crossings,
@@ -140,7 +145,18 @@ class RobustFilter:
             )
             weight = crossing.crossings / (SHARE_CROSSINGS + crossing.crossings)
             share += weight * (few / crossing.crossings - share)
-        state = Bank(log_w, x, P, z.time_s, state.fused_s, memory, says, nis, share)
+            doubt = counting.doubted(doubt, nis, says in (hearing.UNKNOWN, hearing.IGNORED))
+        state = state._replace(
+            log_w=log_w,
+            x=x,
+            P=P,
+            loop_s=z.time_s,
+            memory=memory,
+            says=says,
+            nis=nis,
+            missed_share=share,
+            loop_doubt=doubt,
+        )
         if z.time_s - state.fused_s > 2.0 * CYCLE_S:
             state = self._federate(state, z.time_s)
         return state
@@ -150,12 +166,14 @@ class RobustFilter:
         log_w, x, P = state.log_w.copy(), state.x.copy(), state.P.copy()
         elapsed = z.time_s - state.fused_s
         bank.predict_local(x, P, 1, elapsed, self._noise)
-        says, nis = hearing.PLAIN, math.nan
+        says, nis, doubt = hearing.PLAIN, math.nan, state.radar_doubt
         memory = counting.hear_radar(state.memory, z)
         if memory.frozen:
             says = hearing.IGNORED
         elif abs(z.speed) < radar.least_mps:
-            if standing.hear_slowness(log_w, x, P, radar.least_mps, radar.outlier_share):
+            if standing.hear_slowness(
+                log_w, x, P, memory.heading, radar.least_mps, radar.outlier_share
+            ):
                 says = hearing.IGNORED
         else:
             log_w, x, P, nis, says = hearing.hear_radar(
@@ -163,7 +181,7 @@ class RobustFilter:
                 x,
                 P,
                 z.speed,
-                z.variance,
+                z.variance * math.exp(doubt),
                 radar.outlier_share,
                 radar.slip_per_s * max(elapsed, 0.0),
                 radar.slip_sigma,
@@ -171,8 +189,16 @@ class RobustFilter:
                 self._config.particles,
                 uniform,
             )
+            doubt = counting.doubted(doubt, nis, False)
         state = state._replace(
-            log_w=log_w, x=x, P=P, fused_s=z.time_s, memory=memory, says=says, nis=nis
+            log_w=log_w,
+            x=x,
+            P=P,
+            fused_s=z.time_s,
+            memory=memory.headed(float(x[0, 1, V]), radar.least_mps),
+            says=says,
+            nis=nis,
+            radar_doubt=doubt,
         )
         return self._federate(state, z.time_s)
 

@@ -22,21 +22,24 @@ SLOWNESS_MPS = 0.05
 
 
 @njit(cache=True)
-def hear_slowness(log_w: Array, x: Array, P: Array, least: float, outlier: float) -> bool:
+def hear_slowness(
+    log_w: Array, x: Array, P: Array, heading: float, least: float, outlier: float
+) -> bool:
     """
     Tell the radar's local filters that it reads less than it can, ``least`` [m/s], in place.
 
     Such a reading is no speed, and the next is no news: it only holds a speed that leaves its
-    bounds or is in doubt. A train braked to a stop stays there, and does not go backward. One that
-    runs does not stand because its radar lost the ground: where that is likelier, ``outlier`` being
-    the share of readings that mean nothing, it is ignored. Hypotheses of trains too fast for such a
-    reading lose weight. Return whether the first one ignores it.
+    bounds or is in doubt. A train braked to a stop stays there, and does not go back against its
+    ``heading`` (1 or -1). One that runs does not stand because its radar lost the ground: where
+    that is likelier, ``outlier`` being the share of readings that mean nothing, it is ignored.
+    Hypotheses of trains too fast for such a reading lose weight. Return whether the first one
+    ignores it.
     """
     PH, H = np.empty(SIZE), np.zeros(SIZE)
     plain, nothing = math.log(1.0 - outlier), math.log(outlier / RANGE_MPS + NEVER)
     ignored, top = False, -math.inf
     for i in range(len(x)):
-        v, level, sigma = x[i, 1, V], 0.0, 0.5 * least
+        v, level, sigma = heading * x[i, 1, V], 0.0, 0.5 * least
         H[V], H[A] = 1.0, 0.0
         spread = project(P[i, 1], H, PH)
         slow = 0.5 * math.erfc((abs(v) - least) / math.sqrt(2.0 * (spread + SLOWNESS_MPS**2)))
@@ -52,7 +55,7 @@ def hear_slowness(log_w: Array, x: Array, P: Array, least: float, outlier: float
         if plain + log_normal(level - v, S) < nothing:
             ignored = ignored or i == 0
             continue
-        correct(x[i, 1], P[i, 1], PH, S, level - v)
+        correct(x[i, 1], P[i, 1], PH, S, heading * (level - v))
         if v < 0.0:
             H[V], H[A] = 0.0, 1.0
             S = project(P[i, 1], H, PH) + STOPPED_MPS2**2

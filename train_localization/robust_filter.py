@@ -295,10 +295,10 @@ class RobustFilter:
         settling = state.time_s - state.began_s < SETTLING_S
         if state.refused_fixes >= gnss.recover_after:
             P[:3, :3] += np.diag(ahead**2 + LOST_M**2)
+            P[3:6, 3:6] += np.diag((ahead / max(fix.time_s - state.fixed_s, 1.0)) ** 2)
             settling = True
-        nis = kernels.fix(
-            nav, aux, P, ahead, R, heard.axes, gnss.huber, ANY if settling else gnss.gate
-        )
+        huber, gate = (gnss.gate, ANY) if settling else (gnss.huber, gnss.gate)
+        nis = kernels.fix(nav, aux, P, ahead, R, heard.axes, huber, gate)
         if nis > gnss.gate and not settling:
             return state._replace(refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis)
         return state._replace(refused_fixes=0, fixed_s=fix.time_s, axes=heard.axes, nis=nis)

@@ -119,12 +119,14 @@ def close_all(
     level_due: bool,
     force_sigma: float,
     share: float,
+    force_share: float,
 ) -> None:
     """
     Close the epoch of every hypothesis and weigh it: by attitude, and by the force across.
 
     ``log_weight`` (H,) is changed in place. ``force_sigma`` [m/s^2] is the noise of an epoch's
-    mean force, ``share`` how much of the epoch is news; see ``close_epoch`` for the rest.
+    mean force, ``share`` and ``force_share`` how much of the epoch's attitude and force is news;
+    see ``close_epoch`` for the rest.
     """
     nis = np.zeros(3)
     for h in range(len(X)):
@@ -148,8 +150,8 @@ def close_all(
             level_due,
             nis,
         )
-        likelihood += force_likelihood(x, P[h], f, force_sigma, rows, step, closed)
-        log_weight[h] += share * likelihood
+        across = force_likelihood(x, P[h], f, force_sigma, rows, step, closed)
+        log_weight[h] += share * likelihood + force_share * across
 
 
 @numba.njit(cache=True)
@@ -211,9 +213,9 @@ def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> 
     """
     Return the indices of the hypotheses worth keeping, the heaviest first.
 
-    One that is where a heavier one is adds its weight to it; one lighter than ``least`` times the
-    heaviest goes. ``lap_m``: after so many metres it is the same place again (infinite on an open
-    line). ``log_weight`` is changed in place.
+    One that is where a heavier one is becomes one with it, of their common mean and covariance;
+    one lighter than ``least`` times the heaviest goes. ``lap_m``: after so many metres it is the
+    same place again (infinite on an open line). Everything is changed in place.
     """
     order = np.argsort(-log_weight)
     kept = np.empty(len(order), dtype=np.int64)
@@ -239,6 +241,21 @@ def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> 
             kept[count] = h
             count += 1
         else:
-            heavy, light = log_weight[twin], log_weight[h]
-            log_weight[twin] = heavy + np.log1p(np.exp(light - heavy))
+            light = np.exp(log_weight[h] - log_weight[twin])
+            log_weight[twin] += np.log1p(light)
+            _unite(X[twin], P[twin], X[h], P[h], light / (1.0 + light), lap_m)
     return kept[:count]
+
+
+@numba.njit(cache=True)
+def _unite(x: Array, P: Array, x_other: Array, P_other: Array, share: float, lap_m: float) -> None:
+    """Give a hypothesis the moments of itself and of ``share`` of another one, in place."""
+    d = kernel.difference(x_other, x)
+    if np.isfinite(lap_m):
+        d[0] -= lap_m * np.rint(d[0] / lap_m)
+    P *= 1.0 - share
+    P += share * P_other
+    for r in range(kernel.ERRORS):
+        for c in range(kernel.ERRORS):
+            P[r, c] += share * (1.0 - share) * d[r] * d[c]
+    kernel.add_error(x, share * d)

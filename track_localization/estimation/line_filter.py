@@ -37,6 +37,8 @@ _BACK = 22
 SQRT3 = np.sqrt(3.0)
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
+SLOWEST = 0.5
+"""Below this no speed is usual: the vehicle stops, starts or waits [m/s]."""
 STOPPED = 0.3
 """A vehicle slower than this has stopped [m/s]."""
 ROLLBACK = -0.5
@@ -366,7 +368,7 @@ def follow_drive(
     Return whether it is so; never where the vehicle rolls back.
     """
     usual, slope, _ = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
-    if not (abs(usual) > 1.0 and np.isfinite(slope)):
+    if not (abs(usual) > SLOWEST and np.isfinite(slope)):
         driven[0] = 0.0
         return False
     a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
@@ -397,7 +399,7 @@ def match_speed(
     persists [m]. The row's own standard deviation comes on top.
     """
     usual, slope, spread = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
-    if not (abs(usual) > 1.0 and abs(x[1]) > 0.5 and np.isfinite(slope + spread)):
+    if not (min(abs(usual), abs(x[1])) > SLOWEST and np.isfinite(slope + spread)):
         return 0.0
     pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))

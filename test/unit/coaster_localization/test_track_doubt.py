@@ -58,7 +58,7 @@ def test_lost_is_noticed_and_mended(ride):
     filter_ = CoasterTrackFilter(line_map(ride.design, CONFIG), start_m, CONFIG)
     time_s, error, _, lost = follow(ride, filter_, end_s=fastest(ride) + 20.0)
     assert filter_.relocations >= 1
-    assert lost[error > 100.0].max() > 0.5
+    assert lost[error > 50.0].max() > 0.5
     late = time_s > fastest(ride) + 12.0
     assert late.any()
     assert error[late].max() < 1.0

@@ -5,7 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from coaster_localization.track_config import TrackFilterConfig
-from coaster_localization.track_estimate import TrackEstimate, to_trajectory
+from coaster_localization.track_estimate import (
+    TrackEstimate,
+    bent_covariance,
+    to_trajectory,
+)
 from coaster_localization.track_map import line_map
 from track_localization.sim.coaster.simulate import built_in_model
 
@@ -136,3 +140,23 @@ def test_twist_covariance_has_speed_and_gyro_bias(line):
     spread = np.cov(M @ draws.T) + 1e-4 * np.eye(3)
     np.testing.assert_allclose(got[3:6, 3:6], spread, atol=0.02 * np.diag(spread).max())
     assert np.linalg.eigvalsh(got)[0] > 0.0
+
+
+@pytest.mark.parametrize('sigma', [3.0, 30.0, 200.0])
+def test_wide_covariance_holds_the_places_that_are_possible(line, sigma):
+    """
+    The mean squared distance in any direction, of places drawn along the line, bends and all.
+
+    Six points stand for the distribution: a third off where it spans many bends.
+    """
+    rng = np.random.default_rng(8)
+    s = np.array([0.4, 0.6]) * line.length
+    got = bent_covariance(line, s, np.full(2, sigma))
+    for k in range(2):
+        drawn = line.line.position((s[k] + sigma * rng.normal(size=5000)) % line.length)
+        apart = drawn - line.line.position(s[k : k + 1])
+        expected = apart.T @ apart / len(apart)
+        assert np.trace(got[k]) == pytest.approx(np.trace(expected), rel=0.35)
+        # What is there is covered in its own direction, not along the tangent alone.
+        nees = np.einsum('ni,ij,nj->n', apart, np.linalg.inv(got[k] + 0.3**2 * np.eye(3)), apart)
+        assert nees.mean() < 12.0

@@ -97,7 +97,7 @@ def test_usual_speed_is_the_designs_rate_of_chainage():
     assert np.isnan(table.rows[stands - 2 : stands + 1, columns.SPEED]).all()
     known = np.isfinite(table.rows[:, columns.SPEED])
     assert known.mean() > 0.95
-    assert table.rows[known, columns.SPEED].min() >= 1.0
+    assert table.rows[known, columns.SPEED].min() >= 0.5
 
 
 def test_speed_is_less_certain_where_it_changes():
@@ -170,6 +170,22 @@ def test_pace_is_renewed_where_a_drive_ends():
     assert (regime_changes(free, table) == 0.0).all()
     fast = np.full_like(s, 20.0)
     assert (regime_changes(fast, table) == 0.0).all()
+
+
+def test_pace_is_renewed_where_a_brake_lets_go():
+    """A brake leaves the train 4 m/s, whatever it had; coasting slows it by 0.15 m/s^2 after."""
+    design = level_ride(np.linspace(0.0, 300.0, 3000))
+    table = LineMap(Centreline.from_design_ride(design), 0.004)
+    s = table.chainage
+    speed = np.sqrt(16.0 - 2.0 * 0.15 * (s - 60.0).clip(0.0, 30.0))
+    braked = s < 60.0
+    speed[braked] = np.sqrt(16.0 + 2.0 * 4.0 * (60.0 - s[braked]))
+    renewal = regime_changes(speed, table)
+    where = s[renewal > 0.0]
+    # Half a change, 2 m, to both sides of where it lets go; the speed is smoothed over 1 m.
+    assert where.min() == pytest.approx(58.5, abs=0.6)
+    assert (renewal[(s > 59.0) & (s < 61.5)] > 0.0).all()
+    assert (renewal[(s > 63.0) & (s < 86.0)] == 0.0).all()
 
 
 def test_passes_are_met_both_ways():

@@ -212,7 +212,7 @@ def test_an_outlier_is_no_departure_and_neither_is_a_running_train():
 def slowness(least=0.5, outlier=0.02, **mean):
     """Return mean and covariance of the radar's filter after a reading below ``least``."""
     _, x, P = one(**mean)
-    ignored = standing.hear_slowness(np.zeros(1), x, P, least, outlier)
+    ignored = standing.hear_slowness(np.zeros(1), x, P, 1.0, least, outlier)
     return x[0, 1], P[0, 1], ignored
 
 
@@ -248,7 +248,7 @@ def test_hypotheses_too_fast_for_a_reading_below_the_least_lose_weight():
     states = [one(v=v) for v in (0.0, 0.7)]
     x, P = (np.concatenate([s[k] for s in states]) for k in (1, 2))
     log_w = np.log([0.5, 0.5])
-    standing.hear_slowness(log_w, x, P, 0.5, 0.02)
+    standing.hear_slowness(log_w, x, P, 1.0, 0.5, 0.02)
     sigma = math.sqrt(0.05**2 / SHARE + 0.05**2)
     slow = 0.98 * stats.norm.cdf(-0.2 / sigma) + 0.02
     assert np.exp(log_w).sum() == pytest.approx(1.0, rel=1e-12)
@@ -258,14 +258,14 @@ def test_hypotheses_too_fast_for_a_reading_below_the_least_lose_weight():
 def test_a_speed_in_doubt_is_held_by_a_radar_that_reads_nothing():
     """After a minute without sensors nobody knows better."""
     _, x, P = one(sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
-    assert not standing.hear_slowness(np.zeros(1), x, P, 0.5, 0.02)
+    assert not standing.hear_slowness(np.zeros(1), x, P, 1.0, 0.5, 0.02)
     assert x[0, 1, V] == pytest.approx(0.25, abs=0.05)
 
 
 def test_a_slow_train_in_doubt_is_held_too():
     """Else the doubt of a train that stands grows until an outlier is believed."""
     _, x, P = one(v=0.2, sigma=[30.0, 12.0, 1.0, 0.1, 1e-4, 2e-3])
-    assert not standing.hear_slowness(np.zeros(1), x, P, 0.5, 0.02)
+    assert not standing.hear_slowness(np.zeros(1), x, P, 1.0, 0.5, 0.02)
     assert x[0, 1, V] == pytest.approx(0.0, abs=1e-3)
     assert math.sqrt(P[0, 1, V, V]) == pytest.approx(0.25, rel=0.01)
     assert hear_radar((np.zeros(1), x, P), 5.0)[4] == hearing.IGNORED
