@@ -9,29 +9,16 @@ cases; here is what a coaster adds: the start in the station, standstill, gaps a
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.start import Rest, observe_rest
+from coaster_localization.start import Rest
 from coaster_localization.track_config import TrackFilterConfig
-from coaster_localization.track_start import (
-    DRIFT,
-    PLACE_ALONE_M,
-    SURE_REST_S,
-    Hypotheses,
-    at_rest,
-    either,
-    is_firm,
-    mount_of,
-    not_far,
-    set_place,
-    sits_as_told,
-    slow_elsewhere,
-    under_way,
-)
+from coaster_localization.track_departure import TURN_AT_REST, TURN_UNDER_WAY, Departure
+from coaster_localization.track_mixture import mixture, opened
+from coaster_localization.track_start import Hypotheses, not_far, set_place, under_way
 from coaster_localization.track_states import Doubt, Epoch, Origin, TrackState
 from track_localization import GRAVITY
 from track_localization.estimation import line_bank
@@ -48,8 +35,6 @@ GAP_S = 0.1
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 LEVEL_INTERVAL_S = 0.5
-LOOK_INTERVAL_S = 0.25
-"""How often a waiting filter looks for a rest, or its end."""
 DOUBTED_MOUNT, DOUBTED_BIAS = math.radians(3.0), 2e-3
 """How far mount [rad] and gyro bias [rad/s] may be off when the train was lost."""
 USUAL_REST = (0.015, 0.0015)
@@ -58,19 +43,13 @@ MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
 """How often hypotheses are merged, how light one may be, and how many there may be."""
 SURE = 0.999
 """One hypothesis of this weight is followed alone, once the line has turned enough to tell."""
-TILTED_STATION_SHARE = 0.9
-"""Chance that a train that shows a rest, but another slope than the station's, stands there."""
-STATION_SHARE = 0.99
-"""Chance that a train which hardly shakes is in the station, against anywhere else."""
-TURN_AT_REST, TURN_UNDER_WAY = 0.2, 2.0
-"""How far that is, after a start in the station and after one anywhere [rad]."""
 FASTEST_MPS = 100.0
 """A hypothesis faster than this has run away."""
 BEYOND_M, BEYOND_SIGMAS = 5.0, 3.0
 """So far beyond the end of an open line no train can be."""
-EARLY, WIDER = 0.3, 0.3
+EARLY = 0.3
 """What is seen of a doubtful start while a few places look alike tells less than it seems: the
-share of its likelihood that counts, and the power of the weights that open the covariance."""
+share of its likelihood that counts."""
 NEW_FORCE = 2.0
 """What the force shows is news again when it has changed so much [m/s^2]."""
 WRONG_WAY_MPS, WRONG_WAY = 0.5, 2.0
@@ -80,8 +59,6 @@ TURNING = 0.15
 """What the sensor turns faster than this is the line's doing [rad/s]."""
 LOST = 0.9
 """Probability of being lost above which the train is looked for."""
-DOUBT = 0.1
-"""Probability of being lost above which the covariance is opened."""
 
 
 class CoasterTrackFilter:
@@ -134,13 +111,9 @@ class CoasterTrackFilter:
 
     def _restart(self) -> None:
         self._monitor = ImuMonitor()
-        self._waiting: deque[ImuSample] = deque()
-        self._rest = self._known_rest
-        self._standing: TrackState | None = None
-        self._seen: Rest | None = None
-        self._stands_s = math.inf
-        self._hasty = False
-        self._look_s = -math.inf
+        place = (self._start_m, self._start_sigma)
+        self._departure = Departure(self.line, place, self.config, self._known_rest)
+        self._rest, self._hasty = self._known_rest, False
         self._running = False
         self.doubts: list[Doubt] = []
         self.relocations = 0
@@ -159,6 +132,7 @@ class CoasterTrackFilter:
     def set_start(self, chainage_m: float, sigma_m: float) -> None:
         """Say where the train is now, or, before there was a rest, where it will start [m]."""
         self._start_m, self._start_sigma = chainage_m, max(sigma_m, 1e-3)
+        self._departure.place = (self._start_m, self._start_sigma)
         if not self._running or not math.isfinite(self._monitor_s):
             return
         h = int(np.argmax(self._log_weight))
@@ -176,7 +150,7 @@ class CoasterTrackFilter:
     def diagnostics(self) -> dict[str, float | str]:
         """Return figures for a health report."""
         if not self._running:
-            standing = self._standing is not None
+            standing = self._departure.standing is not None
             return {'status': 'standing' if standing else 'waiting for a rest, or a ride under way'}
         h = int(np.argmax(self._log_weight))
         x, P = self.X[h], self.P[h]
@@ -196,7 +170,8 @@ class CoasterTrackFilter:
 
     def push(self, sample: ImuSample) -> list[TrackState]:
         """Take one sample; return the states that it makes possible."""
-        if not math.isfinite(sample.specific_force.sum() + sample.angular_rate.sum()):
+        f, w = sample.specific_force, sample.angular_rate
+        if not math.isfinite(f @ f + w @ w):
             self._rejections.add('imu', 'not_finite')
             return []
         verdict = self._clock.check(sample.time_s)
@@ -216,82 +191,17 @@ class CoasterTrackFilter:
         return [self._follow(sample)] if self._running else self._wait(sample)
 
     def _wait(self, sample: ImuSample) -> list[TrackState]:
-        """
-        Stand until the sensor moves; where it never stood, take the ride to be under way.
-
-        Nothing is decided while the train stands: what it stands like is the last second before
-        it leaves.
-        """
-        waiting, config = self._waiting, self.config
-        waiting.append(sample)
-        span = sample.time_s - waiting[0].time_s
-        if span < config.rest_s or sample.time_s < self._look_s:
-            return [self._standing._replace(time_s=sample.time_s)] if self._standing else []
-        self._look_s = sample.time_s + LOOK_INTERVAL_S
-        latest = [s for s in waiting if s.time_s >= sample.time_s - config.rest_s]
-        rest = observe_rest(latest)
-        if rest is not None and is_firm(rest):
-            self._seen = rest
-            self._stands_s = min(self._stands_s, latest[0].time_s)
-            while waiting[0].time_s < latest[0].time_s:
-                waiting.popleft()
-            start = self._standing_since(rest, sample.time_s)
-            best = int(np.argmax(start.log_weight))
-            lost = 1.0 - float(np.exp(start.log_weight[best]))
-            self._standing = TrackState(sample.time_s, start.X[best], start.P[best], lost)
-            return [self._standing]
-        if self._standing is not None and self._seen is not None:
-            known = self._start_sigma <= PLACE_ALONE_M
-            turn = TURN_AT_REST if known else TURN_UNDER_WAY
-            self._hasty = sample.time_s - self._stands_s < SURE_REST_S
-            start = self._standing_since(self._seen, sample.time_s)
-            self._rest = self._known_rest if self._hasty else self._seen
-            self._begin(waiting[0].time_s, start, turn)
-            self._way = 0.0 if self._hasty else self._first_way()
-        elif span >= config.seek_after_s:
-            self._begin(waiting[0].time_s, self._met(rest), TURN_UNDER_WAY)
-        else:
-            return []
-        standing, self._standing = self._standing, None
-        states = [self._follow(earlier) for earlier in waiting]
-        waiting.clear()
-        return states[-1:] if standing is not None else states
-
-    def _standing_since(self, seen: Rest, time_s: float) -> Hypotheses:
-        """Return hypotheses of a train that has stood as ``seen`` until ``time_s``."""
-        place = (self.line, self._start_m, self._start_sigma)
-        lasted_s = time_s - self._stands_s
-        if self._known_rest is not None and lasted_s < SURE_REST_S:
-            return at_rest(*place, self._known_rest, self.config, leaves=True)
-        start = at_rest(*place, seen, self.config, lasted_s=lasted_s)
-        if not sits_as_told(self.line, self._start_m, seen, self.config):
-            elsewhere = slow_elsewhere(self.line, seen, self.config)
-            if elsewhere is not None:
-                self._hasty = True
-                start = either(start, elsewhere, TILTED_STATION_SHARE)
-        return start
-
-    def _first_way(self) -> float:
-        """Return 1 where the design ride begins forward, -1 backward, 0 where there is none."""
-        return float(np.sign(self.line.passes[0, 1])) if len(self.line.passes) else 0.0
-
-    def _met(self, loose: Rest | None) -> Hypotheses:
-        """
-        Return hypotheses of a train that never stood for certain.
-
-        It may be anywhere; or, where it shakes as little as in ``loose``, in the station still.
-        """
-        config, rest = self.config, self._known_rest
-        M, bias = np.eye(3), (np.zeros(3), config.gyro_bias_sigma)
-        if rest is not None:
-            M, bias = mount_of(self.line, self._start_m, rest), (rest.rate, DRIFT)
-        free = math.radians(config.mount_sigma_deg)
-        anywhere = under_way(self.line, self._start_m, M, bias, free, config)
-        if loose is None:
-            return anywhere
-        place = (self.line, self._start_m, self._start_sigma)
-        standing = at_rest(*place, rest or loose, config, leaves=rest is not None)
-        return either(standing, anywhere, STATION_SHARE)
+        """Wait for the ride; when it begins, follow what was kept of it."""
+        waited = self._departure.standing is not None
+        begin = self._departure.push(sample)
+        if begin is None:
+            standing = self._departure.standing
+            return [] if standing is None else [standing]
+        self._rest, self._hasty = begin.rest, begin.hasty
+        self._begin(begin.time_s, begin.start, begin.turn)
+        self._way = begin.way
+        states = [self._follow(earlier) for earlier in begin.samples]
+        return states[-1:] if waited else states
 
     def _begin(self, time_s: float, start: Hypotheses, turn: float = TURN_AT_REST) -> None:
         self._turn_left = turn
@@ -321,33 +231,17 @@ class CoasterTrackFilter:
         self._monitor_s = step.time_s
         if step.dt > 0.0:
             line_bank.advance_all(self.X, self._sums, step.f, step.w, step.dt, *self._table)
-        rate = math.sqrt(float(step.w_mean @ step.w_mean))
-        self._turn_left -= rate * step.dt if rate > TURNING else 0.0
+        if self._turn_left > 0.0:
+            rate = math.sqrt(float(step.w_mean @ step.w_mean))
+            self._turn_left -= rate * step.dt if rate > TURNING else 0.0
         if step.time_s - self._epoch_s >= self.config.epoch_s - 1e-6 or step.dt > GAP_S:
             self._close_epoch(step)
         if len(self.X) == 1:
-            P = self.P[0] if self.lost < DOUBT else self._opened(self.P[0])
+            P = opened(self.P[0], self.lost, self.line.length)
             return TrackState(step.time_s, self.X[0].copy(), P, self.lost)
-        return self._mixture(step.time_s)
-
-    def _mixture(self, time_s: float) -> TrackState:
-        """Return the heaviest hypothesis, its covariance opened to the others."""
-        h = int(np.argmax(self._log_weight))
-        weight = np.exp(WIDER * self._log_weight)
-        weight /= weight.sum()
-        P = self.P[h].copy()
-        for k in (0, 1):
-            P[k, k] += float(weight @ (self.X[:, k] - self.X[h, k]) ** 2)
-        missed = math.exp(self._log_lost)
-        if missed > DOUBT:
-            P[0, 0] += missed * self.line.length**2 / 12.0
-        return TrackState(time_s, self.X[h].copy(), P, self.lost)
-
-    def _opened(self, P: Array) -> Array:
-        """Return ``P`` as it is when the train may be anywhere."""
-        out = P.copy()
-        out[0, 0] += self.lost * self.line.length**2 / 12.0
-        return out
+        h, P = mixture(self.X, self.P, self._log_weight)
+        P = opened(P, math.exp(self._log_lost), self.line.length)
+        return TrackState(step.time_s, self.X[h].copy(), P, self.lost)
 
     def _close_epoch(self, step: ImuStep) -> None:
         T = step.time_s - self._epoch_s
@@ -446,7 +340,10 @@ class CoasterTrackFilter:
         x, P = self.X[h], self.P[h]
         if not (np.isfinite(x).all() and np.isfinite(P).all()):
             self.relocations += 1
-            self._begin(time_s, self._met(None), TURN_UNDER_WAY)
+            M, bias = np.eye(3), (np.zeros(3), self.config.gyro_bias_sigma)
+            sigma = math.radians(self.config.mount_sigma_deg)
+            found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
+            self._begin(time_s, found, TURN_UNDER_WAY)
             return
         mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
         sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)

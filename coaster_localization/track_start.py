@@ -79,12 +79,13 @@ def at_rest(
     config: TrackFilterConfig,
     leaves: bool = False,
     lasted_s: float = math.inf,
+    likeliest: bool = False,
 ) -> Hypotheses:
     """
     Return hypotheses of a train that stands near ``start_m``, levelled by ``rest``.
 
     ``leaves``: the rest is another one, the train leaves the start already. ``lasted_s``: for how
-    long the train has stood so.
+    long the train has stood so. ``likeliest``: only the one that weighs most, by its weight.
     """
     if sigma_m > PLACE_ALONE_M:
         count = math.ceil(3.0 * sigma_m / PLACE_SPACING_M)

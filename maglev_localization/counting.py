@@ -28,9 +28,9 @@ MOST_DOUBT = 9.0
 """A surprise counts up to ``MOST_NIS``; where the mean is above ``FAIR_NIS`` a sensor's noise is
 greater than it claims, and its logarithm follows by ``PATIENCE``, up to ``MOST_DOUBT``."""
 
-IN_STEP, IN_STEP_S, MOST_IN_STEP = 0.25, 0.5, 3.0
-"""Part of a crossing within which readings are in step; so long they stay so [s]; and so many times
-the variance of one is the most that is taken for that."""
+IN_STEP, LOCKED_S, ALIKE_S, MOST_ALIKE = 0.25, 0.25, 0.5, 3.0
+"""Part of a crossing within which readings are in step. They matter when they are for so long [s],
+they are for at most so long, and so many times the variance of one is the most taken for that."""
 
 ALIVE_S = 1.0
 """A sensor not heard for so long is silent [s]."""
@@ -198,14 +198,16 @@ def _in_step(travel: float, elapsed: float, pitch: float) -> float:
     Return how many readings share one error of rounding, at a ``travel`` [m] from one to the next.
 
     Where that is nearly a whole number of crossings, they are rounded alike for many readings: no
-    mean over them is nearer to the truth than one. Beyond ``MOST_IN_STEP`` a crossing missed could
-    no longer be told.
+    mean over them is nearer to the truth than one. Beyond ``MOST_ALIKE`` a crossing missed could no
+    longer be told.
     """
     if pitch == 0.0 or travel < 0.5 * pitch:
         return 1.0
     off = abs(travel / pitch - round(travel / pitch))
-    alike = min(IN_STEP / max(off, 1e-6), IN_STEP_S / max(elapsed, 1e-6), MOST_IN_STEP)
-    return max(alike, 1.0)
+    alike = IN_STEP / max(off, 1e-6)
+    if alike * elapsed < LOCKED_S:
+        return 1.0
+    return max(min(alike, ALIKE_S / elapsed, MOST_ALIKE), 1.0)
 
 
 def doubted(doubt: float, nis: float, strange: bool) -> float:

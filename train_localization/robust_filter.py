@@ -32,8 +32,11 @@ STILL_AFTER_S, STILL_MPS = 1.0, 0.02
 NEARLY_MPS = 2.0
 """An odometer that reads nothing while the train is faster is stuck [m/s]."""
 STILL_SIGMA_RADPS = 3e-4
-LEAST_MPS = 3.0
-"""Rails and the line's direction tell something of a train that is faster [m/s]."""
+LEAST_MPS, SURE = 3.0, 10.0
+"""
+Rails and the line's direction tell something of a train that is faster [m/s]; rails of one whose
+speed is known so many times better than it is.
+"""
 ALONE_S = 1.0
 """An odometer not heard for so long is missing [s]."""
 BIAS_AFTER_REST = 0.2
@@ -244,7 +247,7 @@ class RobustFilter:
             kernels.stand(nav, aux, P, state.w_mean, STILL_SIGMA_MPS**2, STILL_SIGMA_RADPS**2)
         elif (
             wheel.nonholonomic
-            and speed > LEAST_MPS
+            and speed > max(LEAST_MPS, SURE * math.sqrt(P[3, 3] + P[4, 4]))
             and now - state.railed_s > 1.0 / wheel.constraint_rate_hz - 1e-6
         ):
             kernels.rails(nav, aux, P, wheel.side_sigma_mps**2, state.w_mean, wheel.lever_m)

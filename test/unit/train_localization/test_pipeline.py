@@ -279,6 +279,26 @@ def test_reset_forgets_everything(run, stream):
     assert not [e for m in stream[5000:5100] for e in pipeline.push(m)]
 
 
+def test_reset_leaves_the_map_where_it_is(run, stream):
+    """Without a datum ``map`` is at the first fix, and what others placed in it stays there."""
+    pipeline = TrainPipeline(TrainConfig())
+    for measurement in stream[:3000]:
+        pipeline.push(measurement)
+    before = pipeline.datum
+    pipeline.reset()
+    for measurement in stream[3000:4000]:
+        pipeline.push(measurement)
+    assert before is not None
+    assert pipeline.datum == before
+
+
+def test_a_told_start_needs_no_odometer(run, stream):
+    """Its attitude is kept: fixes tell the speed, and the first estimate comes after 2 s."""
+    lame = Outcome(run, without(stream, WheelSpeed))
+    assert 1.9 < lame.time_s[0] < 2.3
+    assert lame.worst(15.0, 100.0) < 4.0
+
+
 def test_a_start_needs_a_datum_and_numbers(run):
     pipeline = TrainPipeline(TrainConfig())
     start = run.start
