@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.start import Rest
+from coaster_localization.track_conditions import GAP_S, is_quiet, process_noise, settings_of
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_departure import TURN_AT_REST, TURN_UNDER_WAY, Departure
-from coaster_localization.track_mixture import mixture, opened
-from coaster_localization.track_start import Hypotheses, not_far, set_place, under_way
+from coaster_localization.track_mixture import figures, mixture, opened
+from coaster_localization.track_sought import sought
+from coaster_localization.track_start import Hypotheses, placed
 from coaster_localization.track_states import Doubt, Epoch, Origin, TrackState
-from track_localization import GRAVITY
 from track_localization.estimation import line_bank
 from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.gating import Rejections
@@ -30,15 +31,7 @@ from track_localization.track.line_map import LineMap
 
 Array = NDArray[np.float64]
 
-GAP_S = 0.1
-"""A step longer than this was not measured: what the train did in it is unknown."""
-GAP_ACCEL, GAP_RATE = 15.0, 1.5
-"""How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 LEVEL_INTERVAL_S = 0.5
-DOUBTED_MOUNT, DOUBTED_BIAS = math.radians(3.0), 2e-3
-"""How far mount [rad] and gyro bias [rad/s] may be off when the train was lost."""
-USUAL_REST = (0.015, 0.0015)
-"""Standard deviations of force and rate at rest where no rest was seen yet."""
 MERGE_INTERVAL_S, LEAST_WEIGHT, MOST = 0.25, 1e-7, 400
 """How often hypotheses are merged, how light one may be, and how many there may be."""
 SURE = 0.999
@@ -89,15 +82,7 @@ class CoasterTrackFilter:
         self._start_m, self._start_sigma = start_m, config.start_sigma_m
         self._on_epoch, self._known_rest = on_epoch, rest
         self._origin = origin
-        c = config
-        self._settings = np.array(
-            [
-                *(c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m),
-                *(c.speed_noise, c.speed_noise_m, c.zupt_sigma),
-                *(c.vibration_gain, c.gyro_vibration_gain, c.accel_noise),
-            ],
-            dtype=float,
-        )
+        self._settings = settings_of(config)
         self._table = (line.rows, line.step_m, line.closed)
         self._nis = np.zeros(3)
         self.reset()
@@ -136,16 +121,8 @@ class CoasterTrackFilter:
         if not self._running or not math.isfinite(self._monitor_s):
             return
         h = int(np.argmax(self._log_weight))
-        x, P = self.X[h].copy(), self.P[h].copy()
-        R = kernel.attitude_at(*self._table, chainage_m)
-        x[0], x[2:11] = chainage_m, (R @ x[11:20].reshape(3, 3)).ravel()
-        P[0, :], P[:, 0] = 0.0, 0.0
-        turned = slice(kernel.TILT, kernel.TILT + 3)
-        P[turned, :], P[:, turned] = 0.0, 0.0
-        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
-        P[turned, turned] = R @ mount @ R.T + self.config.attitude_sigma**2 * np.eye(3)
-        set_place(P, self.line, chainage_m, self._start_sigma)
-        self._begin(self._monitor_s, Hypotheses(x[None], P[None], np.zeros(1)))
+        place = (self._start_m, self._start_sigma)
+        self._begin(self._monitor_s, placed(self.X[h], self.P[h], self.line, place, self.config))
 
     def diagnostics(self) -> dict[str, float | str]:
         """Return figures for a health report."""
@@ -153,20 +130,8 @@ class CoasterTrackFilter:
             standing = self._departure.standing is not None
             return {'status': 'standing' if standing else 'waiting for a rest, or a ride under way'}
         h = int(np.argmax(self._log_weight))
-        x, P = self.X[h], self.P[h]
-        status = 'running' if len(self.X) == 1 else 'place in doubt'
-        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
-        return {
-            'status': 'lost' if self.lost > 0.5 else status,
-            'lost_probability': self.lost,
-            'hypotheses': float(len(self.X)),
-            'chainage_m': float(x[0]),
-            'chainage_sigma_m': math.sqrt(P[0, 0]),
-            'speed_mps': float(x[1]),
-            'mount_sigma_deg': float(np.rad2deg(math.sqrt(np.trace(mount) / 3.0))),
-            'attitude_nis': float(self._nis.mean()),
-            'relocations': float(self.relocations),
-        }
+        found = figures(self.X[h], self.P[h], self._nis, self.lost, len(self.X))
+        return found | {'relocations': float(self.relocations)}
 
     def push(self, sample: ImuSample) -> list[TrackState]:
         """Take one sample; return the states that it makes possible."""
@@ -261,7 +226,8 @@ class CoasterTrackFilter:
             force_news, self._told = 1.0, step.f_mean
         share *= 1.0 if self._turn_left <= 0.0 else EARLY
         force_news *= 1.0 if self._turn_left <= 0.0 else EARLY
-        about = (self._settings, self._noise(step), mean, shake, self._quiet(step), level)
+        quiet = is_quiet(step, self._rest) and not (self._hasty and self._turn_left > 0.0)
+        about = (self._settings, process_noise(self.config, step.dt), mean, shake, quiet, level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()
             F, x_before, P_before, likelihood, _ = line_bank.close_epoch(
@@ -275,20 +241,46 @@ class CoasterTrackFilter:
                     F[:] = 0.0
                 self._on_epoch(Epoch(step.time_s, x_before, P_before, F, x.copy(), P))
             self._first = False
+            self._weigh_alone(step.time_s, T, share)
         else:
             sigma = 0.7 + math.sqrt(float(step.shake[0:3].max()))
             line_bank.close_all(
                 *(self.X, self.P, self._sums, self._driven, self._log_weight),
                 *(*self._table, *about, sigma, share, force_news),
             )
-        self._weigh(step.time_s, T, share)
+            self._weigh(step.time_s, T, share)
+
+    def _weigh_alone(self, time_s: float, T: float, share: float) -> None:
+        """Compare the one hypothesis with being lost; look for the train when it is, for long."""
+        weight, variance = float(self._log_weight[0]), float(self.P[0, 0, 0])
+        # Not a number is not less either.
+        if not (abs(weight) < math.inf and abs(self.X[0, 1]) < FASTEST_MPS):
+            return self._seek(time_s)
+        if not 0.0 < variance < math.inf:
+            return self._seek(time_s)
+        self._log_lost += share * line_bank.LOST_LIKELIHOOD
+        odds = self._log_lost - weight
+        self._missed(1.0 / (1.0 + math.exp(-odds)) if odds > -700.0 else 0.0, T)
+        self._log_weight[0] = math.log1p(-self.lost)
+        if self.lost < LOST:
+            self._lost_since = math.inf
+        elif self._origin is None:
+            self._lost_since = min(self._lost_since, time_s)
+            if time_s - self._lost_since >= self.config.lost_after_s:
+                self._seek(time_s)
+        return None
+
+    def _missed(self, probability: float, T: float) -> None:
+        """Take over the probability that no hypothesis is right, and what time adds to it."""
+        missed = min(probability, 0.9999)
+        self.lost = missed + (1.0 - missed) * line_bank.LOST_RATE * T
+        self._log_lost = math.log(max(self.lost, 1e-6))
 
     def _weigh(self, time_s: float, T: float, share: float) -> None:
         """Compare the hypotheses with each other and with being lost."""
-        alone = len(self.X) == 1
         sound = np.isfinite(self._log_weight) & (np.abs(self.X[:, 1]) < FASTEST_MPS)
         sound &= np.isfinite(self.P[:, 0, 0]) & (self.P[:, 0, 0] > 0.0)
-        if not (self.line.closed or alone):
+        if not self.line.closed:
             beyond = np.maximum(-self.X[:, 0], self.X[:, 0] - self.line.length)
             sound &= beyond < BEYOND_M + BEYOND_SIGMAS * np.sqrt(self.P[:, 0, 0])
         if not sound.any():
@@ -301,14 +293,8 @@ class CoasterTrackFilter:
         self._log_lost += share * line_bank.LOST_LIKELIHOOD
         total = float(np.logaddexp.reduce(np.append(self._log_weight, self._log_lost)))
         self._log_weight -= total
-        missed = min(math.exp(self._log_lost - total), 0.9999)
-        missed += (1.0 - missed) * line_bank.LOST_RATE * T
-        self._log_lost = math.log(max(missed, 1e-6))
-        if alone:
-            self._log_weight[0] = math.log1p(-missed)
-            self.lost = missed
-            self._watch(time_s)
-            return
+        self._missed(math.exp(self._log_lost - total), T)
+        missed = self.lost
         if time_s - self._merged_s >= MERGE_INTERVAL_S:
             self._merged_s = time_s
             self._keep(self._merged())
@@ -326,58 +312,14 @@ class CoasterTrackFilter:
         least = LEAST_WEIGHT if self._turn_left <= 0.0 else LEAST_WEIGHT**2
         return line_bank.merge(self.X, self.P, self._log_weight, least, lap)[:MOST]
 
-    def _watch(self, time_s: float) -> None:
-        """Look for the train on the whole line when it has been lost for a while."""
-        if self.lost < LOST:
-            self._lost_since = math.inf
-        elif self._origin is None:
-            self._lost_since = min(self._lost_since, time_s)
-            if time_s - self._lost_since >= self.config.lost_after_s:
-                self._seek(time_s)
-
     def _seek(self, time_s: float) -> None:
         h = int(np.argmax(self._log_weight))
-        x, P = self.X[h], self.P[h]
-        if not (np.isfinite(x).all() and np.isfinite(P).all()):
-            self.relocations += 1
-            M, bias = np.eye(3), (np.zeros(3), self.config.gyro_bias_sigma)
-            sigma = math.radians(self.config.mount_sigma_deg)
-            found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
-            self._begin(time_s, found, TURN_UNDER_WAY)
-            return
-        mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
-        sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)
-        bias = (x[20:23].copy(), DOUBTED_BIAS)
-        M = x[11:20].reshape(3, 3).copy()
-        found = under_way(self.line, self._start_m, M, bias, sigma, self.config)
+        found = sought(self.X[h], self.P[h], self.line, self._start_m, self.config)
         self.relocations += 1
-        self._begin(time_s, not_far(found, x, P, self.line), TURN_UNDER_WAY)
+        self._begin(time_s, found, TURN_UNDER_WAY)
 
     def _keep(self, rows: NDArray[np.int64]) -> None:
         self.X, self.P = self.X[rows], self.P[rows]
         self._sums, self._driven = self._sums[rows], self._driven[rows]
         self._log_weight = self._log_weight[rows]
         self._roots = [self._roots[k] for k in rows]
-
-    def _noise(self, step: ImuStep) -> Array:
-        """Return the process noise (6,) of ``line_filter.predict`` without what shaking adds."""
-        c = self.config
-        accel, rate = 0.0, c.gyro_noise**2
-        if step.dt > GAP_S:
-            accel += GAP_ACCEL**2 * step.dt
-            rate += GAP_RATE**2 * step.dt
-        walks = (c.gyro_bias_walk**2, c.accel_bias_walk**2, c.mount_walk**2)
-        return np.array([accel, rate, *walks, c.speed_sigma])
-
-    def _quiet(self, step: ImuStep) -> bool:
-        """Whether the sensor shakes as little as in the station, under 1 g."""
-        if self._hasty and self._turn_left > 0.0:
-            return False
-        force_std, rate_std = USUAL_REST
-        if self._rest is not None:
-            force_std, rate_std = self._rest.force_std, self._rest.rate_std
-        return (
-            step.f_std < 1.5 * force_std + 0.005
-            and step.w_std < 1.5 * rate_std + 0.0005
-            and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
-        )

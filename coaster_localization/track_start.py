@@ -31,16 +31,11 @@ FIRM_REST = (0.03, 0.003)
 LEVEL_MPS2, LOOSE_REST = 0.02, (0.5, 1.0, 2e-3)
 """Force [m/s^2] besides gravity at a firm rest. Otherwise people move in the train, or it leaves
 already: the same, its speed [m/s], and what the gyro shows besides its bias [rad/s]."""
-SURE_REST_S, BRIEF_REST = 3.0, (1.0, 1.5, 2e-3)
+SURE_REST_S, BRIEF_REST = 2.0, (1.0, 1.5, 2e-3)
 """A train that leaves evenly looks for a second as if it stood; not for so long [s]. What a briefer
 rest may hide, like LOOSE_REST."""
 DRIFT = 1.5e-3
 """How far the gyro's bias may drift between the rests before and after a ride [rad/s]."""
-SLOW_MPS = 3.0
-"""A train slower than this may look as if it stood."""
-NEAR_SIGMAS, NEAR_M, ALIKE_RAD, FAR = 3.0, 10.0, 0.3, 0.02
-"""A train that was lost is sought within so many sigmas and metres of where it seemed to be, and
-turned so far from how it seemed turned; elsewhere it is by this share as likely."""
 START_SHARE = 0.5
 """Chance that a ride that shows no rest begins at the start all the same."""
 
@@ -87,7 +82,7 @@ def at_rest(
     ``leaves``: the rest is another one, the train leaves the start already. ``lasted_s``: for how
     long the train has stood so. ``likeliest``: only the one that weighs most, by its weight.
     """
-    if sigma_m > PLACE_ALONE_M:
+    if sigma_m > PLACE_ALONE_M and not likeliest:
         count = math.ceil(3.0 * sigma_m / PLACE_SPACING_M)
         offsets = PLACE_SPACING_M * np.arange(-count, count + 1)
         place_sigma = 0.6 * PLACE_SPACING_M
@@ -113,20 +108,24 @@ def at_rest(
             continue
         M0, up = mount_of(line, s, rest), _attitude(line, s)[2]
         as_told = sits_as_told(line, s, rest, config)
-        for heading in headings:
+        turned = TURNED_SHARE / len(headings) if as_told else 1.0
+        for heading in headings[:1] if likeliest else headings:
             M = so3.exp(heading * up) @ M0
             x, P = state(line, s, 0.0, M, rest.rate, config)
             free = config.mount_sigma_deg if heading == 0.0 else 0.6 * HEADING_SPACING_DEG
-            _set_mount(P, _attitude(line, s), math.radians(free), config)
+            set_mount(P, _attitude(line, s), math.radians(free), config)
             set_place(P, line, s, place_sigma)
             P[1, 1] = speed_sigma**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
             kernel.level(x, P, rest.force, level_sigma)
             weight = -0.5 * (offset / sigma_m) ** 2
-            if heading != 0.0 and as_told:
-                weight += math.log(TURNED_SHARE / len(headings))
+            if heading != 0.0:
+                weight += math.log(turned)
             found.append((x, P, weight))
-    return _stack(found)
+    out = stack(found)
+    if likeliest:
+        out.log_weight[0] -= math.log1p(turned * (len(headings) - 1))
+    return out
 
 
 def under_way(
@@ -147,62 +146,19 @@ def under_way(
     count = max(len(line.passes), 1)
     for s, v in [(start_m, 0.0), *line.passes.tolist()]:
         x, P = state(line, s, v, M, gyro_bias[0], config)
-        _set_mount(P, _attitude(line, s), mount_sigma, config)
+        set_mount(P, _attitude(line, s), mount_sigma, config)
         set_place(P, line, s, 0.6 * PLACE_SPACING_M)
         P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
         P[8:11, 8:11] = gyro_bias[1] ** 2 * np.eye(3)
         share = START_SHARE if not found else (1.0 - START_SHARE) / count
         found.append((x, P, math.log(share)))
-    return _stack(found)
-
-
-def slow_elsewhere(line: LineMap, rest: Rest, config: TrackFilterConfig) -> Hypotheses | None:
-    """
-    Return hypotheses of a train whose ``rest`` was none in the station; None if it was there.
-
-    A sensor that sits as it was said to shows the slope of where it is; a slow drive up a steep
-    line shakes no more than a stop.
-    """
-    found: list[tuple[Array, Array, float]] = []
-    sigma = math.radians(config.mount_sigma_deg)
-    for s, v in line.passes[np.abs(line.passes[:, 1]) < SLOW_MPS].tolist():
-        M = mount_of(line, s, rest)
-        tilted = float(np.linalg.norm(so3.log(M)))
-        if tilted > MOUNT_SIGMAS * sigma:
-            continue
-        x, P = state(line, s, v, M, rest.rate, config)
-        _set_mount(P, _attitude(line, s), sigma, config)
-        set_place(P, line, s, 0.6 * PLACE_SPACING_M)
-        P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
-        P[8:11, 8:11] = DRIFT**2 * np.eye(3)
-        kernel.level(x, P, rest.force, LOOSE_REST[0])
-        found.append((x, P, -0.5 * (tilted / sigma) ** 2))
-    return _stack(found) if found else None
+    return stack(found)
 
 
 def sits_as_told(line: LineMap, s: float, rest: Rest, config: TrackFilterConfig) -> bool:
     """Whether a sensor at rest at ``s`` is tilted no more than it was said to be."""
     tilted = float(np.linalg.norm(so3.log(mount_of(line, s, rest))))
     return tilted < MOUNT_SIGMAS * math.radians(config.mount_sigma_deg)
-
-
-def not_far(found: Hypotheses, x: Array, P: Array, line: LineMap) -> Hypotheses:
-    """
-    Return hypotheses weighed by a state (30,), (18, 18) that went wrong not long ago.
-
-    A train does not leap, keeps its speed for a while, and the gyro still knows about where it is
-    turned to; the weights have heavy tails, for the state may have been wrong from the start.
-    """
-    reach = NEAR_SIGMAS * math.sqrt(P[0, 0]) + NEAR_M
-    apart = found.X[:, 0] - x[0]
-    if line.closed:
-        apart -= line.length * np.round(apart / line.length)
-    near = 1.0 / (1.0 + (apart / reach) ** 2)
-    turned = so3.log(x[2:11].reshape(3, 3) @ np.swapaxes(found.X[:, 2:11].reshape(-1, 3, 3), 1, 2))
-    alike = np.exp(-0.5 * np.sum(turned**2, axis=1) / ALIKE_RAD**2)
-    pace = 1.0 / (1.0 + ((found.X[:, 1] - x[1]) / (0.3 * abs(x[1]) + 2.0)) ** 2)
-    log_weight = np.log(FAR + near) + np.log(FAR + alike) + np.log(FAR + pace)
-    return found._replace(log_weight=log_weight - np.logaddexp.reduce(log_weight))
 
 
 def either(first: Hypotheses, second: Hypotheses, share: float) -> Hypotheses:
@@ -232,7 +188,7 @@ def state(
     return x, P
 
 
-def _set_mount(P: Array, R: Array, free: float, config: TrackFilterConfig) -> None:
+def set_mount(P: Array, R: Array, free: float, config: TrackFilterConfig) -> None:
     """The body has the line's attitude: what the mount is off, the sensor is off as well."""
     mount, tilt = slice(kernel.MOUNT, kernel.MOUNT + 3), slice(kernel.TILT, kernel.TILT + 3)
     P[mount, mount] = free**2 * np.eye(3)
@@ -258,7 +214,24 @@ def _attitude(line: LineMap, s: float) -> Array:
     return R
 
 
-def _stack(found: list[tuple[Array, Array, float]]) -> Hypotheses:
+def placed(
+    x: Array, P: Array, line: LineMap, place: tuple[float, float], config: TrackFilterConfig
+) -> Hypotheses:
+    """Return a state (30,), (18, 18) put where somebody says that it is: chainage, sigma [m]."""
+    x, P = x.copy(), P.copy()
+    R = _attitude(line, place[0])
+    x[0], x[2:11] = place[0], (R @ x[11:20].reshape(3, 3)).ravel()
+    P[0, :], P[:, 0] = 0.0, 0.0
+    turned = slice(kernel.TILT, kernel.TILT + 3)
+    P[turned, :], P[:, turned] = 0.0, 0.0
+    mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+    P[turned, turned] = R @ mount @ R.T + config.attitude_sigma**2 * np.eye(3)
+    set_place(P, line, *place)
+    return Hypotheses(x[None], P[None], np.zeros(1))
+
+
+def stack(found: list[tuple[Array, Array, float]]) -> Hypotheses:
+    """Return states, covariances and weights as hypotheses, the weights normalised."""
     log_weight = np.array([weight for _, _, weight in found])
     log_weight -= np.logaddexp.reduce(log_weight)
     return Hypotheses(
