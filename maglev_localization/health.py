@@ -9,6 +9,9 @@ from maglev_localization.measurements import BALISE, LOOP, RADAR
 
 WAITING, FINE, SILENT, ISOLATED = 'waiting', 'ok', 'silent', 'isolated'
 
+SILENT_AFTER, MOST_USUAL_S = 3.0, 10.0
+"""A sensor slower than ``ALIVE_S`` is silent after so many of its usual intervals, which are no
+longer than that [s]."""
 MEMORY_S = 1.0
 """Over so long the share of refused readings is taken [s]."""
 MOST_REFUSED, FEW_REFUSED = 0.5, 0.1
@@ -33,10 +36,14 @@ class SensorHealth:
         self.nis = dict.fromkeys(self.states, math.nan)
         self._heard = dict.fromkeys(self.states, -math.inf)
         self._refused = dict.fromkeys(self.states, 0.0)
+        self._usual = dict.fromkeys(self.states, 0.0)
 
     def heard(self, sensor: str, time_s: float, refused: bool, nis: float) -> None:
         """Note a reading, whether it was refused, and its NIS (NaN when it has none)."""
-        elapsed = min(max(time_s - self._heard[sensor], 0.0), MEMORY_S)
+        elapsed = max(time_s - self._heard[sensor], 0.0)
+        if 0.0 < elapsed < MOST_USUAL_S:
+            self._usual[sensor] += 0.1 * (elapsed - self._usual[sensor])
+        elapsed = min(elapsed, MEMORY_S)
         keep = math.exp(-elapsed / MEMORY_S)
         self._refused[sensor] = keep * self._refused[sensor] + (1.0 - keep) * refused
         self._heard[sensor] = max(time_s, self._heard[sensor])
@@ -59,7 +66,7 @@ class SensorHealth:
             return WAITING
         if sensor == BALISE:
             return FINE
-        if time_s - self._heard[sensor] > ALIVE_S:
+        if time_s - self._heard[sensor] > max(ALIVE_S, SILENT_AFTER * self._usual[sensor]):
             return SILENT
         limit = FEW_REFUSED if state == ISOLATED else MOST_REFUSED
         return ISOLATED if self._refused[sensor] > limit else FINE

@@ -5,7 +5,7 @@ Subscribes to loop/pose (frame `track`), radar/twist (frame_base), balise/pose (
 `balise_<id>`) and initialpose (frame `track`, or frame_map: the nearest place of the track file;
 x is the chainage where there is none). Publishes odometry and track/pose at the rate of the radar,
 stamped by the data, and path; with predict_to_now also odometry_now: the same carried on to the
-node's clock. ~/reset starts anew.
+node's clock. ~/reset starts anew as at launch: what initialpose told is forgotten too.
 """
 
 from __future__ import annotations

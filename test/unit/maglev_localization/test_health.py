@@ -35,6 +35,21 @@ def test_silence_is_told_after_a_second_and_ends_with_the_next_reading():
     assert [state for _, _, state in health.changes] == ['ok', 'silent', 'ok']
 
 
+def test_a_slow_sensor_is_not_silent_between_its_readings():
+    """Once in 1.5 s: silent after three such intervals."""
+    health = SensorHealth()
+    for k in range(60):
+        health.heard('radar', 1.5 * k, False, math.nan)
+        health.judge(1.5 * k + 1.4, 0.0)
+    silent = [time_s for time_s, _, state in health.changes if state == 'silent']
+    assert all(time_s < 10.0 for time_s in silent)
+    assert health.states['radar'] == 'ok'
+    health.judge(1.5 * 59 + 4.4, 0.0)
+    assert health.states['radar'] == 'ok'
+    health.judge(1.5 * 59 + 4.6, 0.0)
+    assert health.states['radar'] == 'silent'
+
+
 def test_balises_are_seldom_and_never_silent():
     health = SensorHealth()
     health.heard('balise', 10.0, False, math.nan)

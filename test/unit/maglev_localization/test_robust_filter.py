@@ -193,7 +193,7 @@ def test_a_train_that_backs_comes_to_rest_where_it_does(make_train):
             stream.append(RadarSpeed(base + t + 0.005, float(told), 0.05**2))
     train = make_train(start_m=500.0)
     rider = Rider(train, variance=0.03**2).ride(stream)
-    assert rider.estimates[-1].chainage == pytest.approx(500.0 - 9.5 - backed(20.0), abs=0.15)
+    assert rider.estimates[-1].chainage == pytest.approx(500.0 - 9.5 - backed(20.0), abs=0.25)
 
 
 def backed(seconds):

@@ -92,13 +92,18 @@ class Inputs:
 
     @property
     def first_balise_s(self) -> float | None:
-        """Stamp at which the first balise of the table was heard [s]; None if none was."""
-        heard = (
-            m.time_s
-            for m in self.measurements
-            if isinstance(m, BalisePassing) and self.balises.index(m.balise) is not None
-        )
-        return next((time for time in heard if np.isfinite(time)), None)
+        """
+        Stamp from which on the estimates can know a balise of the table [s]; None if none was.
+
+        That is the newest of all messages that had arrived when the balise did: it may be late.
+        """
+        newest = -np.inf
+        for m in self.measurements:
+            if np.isfinite(m.time_s):
+                newest = max(newest, m.time_s)
+                if isinstance(m, BalisePassing) and self.balises.index(m.balise) is not None:
+                    return float(newest)
+        return None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
