@@ -88,6 +88,10 @@ class Counting(NamedTuple):
         alive = time_s - self.radar_s < ALIVE_S and not self.frozen
         return alive and abs(self.radar_mps) > STILL_MPS
 
+    def counts(self, time_s: float, speed: float, pitch: float) -> bool:
+        """Whether the count has changed of late as often as it does at ``speed`` [m/s] and more."""
+        return self.changed_s > self.still_s and time_s - self.changed_s < pitch / speed
+
     def headed(self, speed: float, least: float) -> Counting:
         """Return the memory of a train that has this speed [m/s], told from ``least`` on."""
         return self if abs(speed) < least else self._replace(heading=math.copysign(1.0, speed))

@@ -171,7 +171,9 @@ class RobustFilter:
         if memory.frozen:
             says = hearing.IGNORED
         elif abs(z.speed) < radar.least_mps:
-            if standing.hear_slowness(
+            if memory.counts(z.time_s, radar.least_mps, self._config.loop.pitch_m):
+                says = hearing.IGNORED if abs(x[0, 1, V]) > 2.0 * radar.least_mps else says
+            elif standing.hear_slowness(
                 log_w, x, P, memory.heading, radar.least_mps, radar.outlier_share
             ):
                 says = hearing.IGNORED

@@ -74,9 +74,12 @@ def depart(P: Array, distance: float) -> None:
 
 @njit(cache=True)
 def bounded(x: Array, P: Array, position: float, variance: float) -> bool:
-    """Whether the likeliest hypothesis keeps within what a standing count says by itself."""
-    inside = SHARE * P[0, 0, C, C] < 1.5 * variance
-    return inside and (x[0, 0, C] - position) ** 2 < 3.0 * variance
+    """Whether all hypotheses keep within what a standing count says by itself."""
+    for i in range(len(x)):
+        inside = SHARE * P[i, 0, C, C] < 1.5 * variance
+        if not inside or (x[i, 0, C] - position) ** 2 >= 3.0 * variance:
+            return False
+    return True
 
 
 @njit(cache=True)

@@ -381,6 +381,15 @@ def test_bounded_means_that_a_standing_count_is_no_news(off, sigma, inside):
     assert standing.bounded(x, P, 500.0 + off, 0.2**2 / 12.0) == inside
 
 
+def test_a_standing_count_is_news_as_long_as_it_is_to_one_hypothesis():
+    """One that has the train half a metre back is not let live."""
+    _, x, P = one(sigma=[0.05, 0.05, 0.1, 0.1, 1e-4, 2e-3])
+    x, P = np.concatenate([x, x]), np.concatenate([P, P])
+    x[1, :, C] -= 0.5
+    assert not standing.bounded(x, P, 500.0, 0.2**2 / 12.0)
+    assert standing.bounded(x[:1], P[:1], 500.0, 0.2**2 / 12.0)
+
+
 def test_stand_still_is_two_measurements():
     state = one(v=0.1, a=-0.2)
     mean, spread = state[1][0, 0], SHARE * state[2][0, 0]

@@ -283,6 +283,19 @@ def test_departure_is_noticed(make_train, pull):
     assert np.mean((np.abs(speed) < 3.0 * sigma_speed)[after]) > 0.95
 
 
+def test_a_radar_that_reads_nought_does_not_hold_a_train_that_counts(make_train):
+    """It lost the ground at a standstill, and for half a minute: the loop alone tells."""
+    train = make_train(rest_s=20.0, seconds=60.0)
+    stream = [
+        z._replace(speed=0.0) if isinstance(z, RadarSpeed) and z.time_s < 1050.0 else z
+        for z in train.measurements()
+    ]
+    rider = Rider(train, variance=0.05**2).ride(stream)
+    time_s, along, _, speed, _ = train.errors(rider.estimates)
+    assert np.abs(along[time_s > 1020.0]).max() < 0.6
+    assert np.abs(speed[time_s > 1023.0]).max() < 0.5
+
+
 @pytest.mark.parametrize(
     ('lost_m', 'silent_s'), [(1.0, 0.0), (5.0, 0.0), (30.0, 0.0), (5.0, 1.5), (30.0, 1.5)]
 )
