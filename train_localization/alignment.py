@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization import GRAVITY
 from track_localization.estimation import so3
 from track_localization.estimation.earth import EARTH_RATE
 from track_localization.estimation.imu import ImuSample
@@ -32,6 +33,8 @@ FEW = 3
 """Fixes that make a course."""
 AGREE_M, AGREE_MPS, AGREE_SHARE = 2.0, 2.0, 0.05
 """Fixes that tell a course agree so well with a straight way at constant speed."""
+GREATEST_MPS2 = 3.0
+"""Wheels that gain more begin or cease to slip; what they seem to gain may half be that."""
 SPEED_SIGMA_MPS, CLIMB_SIGMA_MPS = 0.5, 1.0
 
 
@@ -164,7 +167,9 @@ class Alignment:
             return False
         if self._speed is None or abs(times[-1] - self._speed.time_s) > 1.5:
             return True
-        slack = AGREE_MPS + claimed / elapsed + abs(self._gain) * elapsed
+        if abs(self._gain) > GREATEST_MPS2:
+            return False
+        slack = AGREE_MPS + claimed / elapsed + abs(self._gain) * elapsed / 2
         return abs(distance / elapsed - self._speed.speed) < slack
 
     def _rest(self, sample: ImuSample) -> None:
@@ -230,13 +235,14 @@ class Alignment:
         velocity = np.array([speed * math.cos(course), speed * math.sin(course), climb])
         yaw_sigma = math.sqrt(2.0) * FIX_WHITE_M / distance + math.radians(YAW_LEAST_DEG)
         tilt = math.radians(self._config.moving_sigma_deg)
+        pitching = math.hypot(tilt, 0.5 * self._gain / GRAVITY)
         across = speed * yaw_sigma
         sigma = np.array(
             [
                 *np.sqrt(np.diag(fix.covariance)),
                 *(math.hypot(SPEED_SIGMA_MPS, across),) * 2,
                 CLIMB_SIGMA_MPS,
-                *(tilt, tilt, yaw_sigma),
+                *(tilt, pitching, yaw_sigma),
             ]
         )
         geodetic = np.array([fix.latitude, fix.longitude, fix.height])

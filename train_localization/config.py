@@ -66,7 +66,7 @@ class GnssConfig:
     huber: float = setting(6.6, '', 'NIS above which a fix weighs less', 1.0, 1e3)
     gate: float = setting(25.0, '', 'NIS above which it is refused', 1.0, 1e6)
     recover_after: int = setting(8, '', 'refused in a row: the filter is wrong', 1, 10000)
-    start_sigma_m: float = setting(3.0, 'm', 'of a fix whose covariance is not told', 0.01, 1e4)
+    untold_sigma_m: float = setting(1.5, 'm', 'of a fix without covariance, at HDOP 1', 0.01, 1e4)
 
 
 @dataclasses.dataclass(frozen=True)

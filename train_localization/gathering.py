@@ -11,7 +11,7 @@ import numpy as np
 from track_localization.estimation.imu import ImuSample
 from train_localization.config import GnssConfig
 from train_localization.measurements import GnssFix, GnssQuality, WheelSpeed
-from train_localization.robust_filter import Fix, Stretch
+from train_localization.state import Fix, Stretch
 
 SAME_S = 0.05
 """A fix and a quality whose stamps differ less belong together [s]."""
@@ -107,8 +107,8 @@ class Gathering:
             newest = self._samples[-1].time_s if self._samples else self._begin_s
             if self._qualities and newest - fix.time_s < PATIENCE_S:
                 return None
-            return Fix(fix.time_s, self._believed(fix), 3)
-        return Fix(fix.time_s, self._believed(fix), self.axes(quality))
+            return Fix(fix.time_s, self._believed(fix, 1.0), 3)
+        return Fix(fix.time_s, self._believed(fix, quality.hdop), self.axes(quality))
 
     def axes(self, quality: GnssQuality) -> int:
         """Return how many axes of a fix are good; the paper's switch (section 1.1)."""
@@ -117,8 +117,9 @@ class Gathering:
             return 0
         return 3 if quality.satellites > 3 else 2
 
-    def _believed(self, fix: GnssFix) -> GnssFix:
+    def _believed(self, fix: GnssFix, hdop: float) -> GnssFix:
         """Return the fix with a covariance, where none was told."""
         if np.isfinite(fix.covariance).all() and np.diag(fix.covariance).min() > 0.0:
             return fix
-        return fix._replace(covariance=np.eye(3) * self._config.start_sigma_m**2)
+        sigma = self._config.untold_sigma_m * (max(hdop, 1.0) if math.isfinite(hdop) else 1.0)
+        return fix._replace(covariance=np.eye(3) * sigma**2)

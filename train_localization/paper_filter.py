@@ -22,15 +22,8 @@ from train_localization import kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.measurements import WheelSpeed
-from train_localization.robust_filter import (
-    LOST_AFTER_S,
-    SETTLING_S,
-    Fix,
-    Fused,
-    Heard,
-    RobustFilter,
-    Stretch,
-)
+from train_localization.robust_filter import LOST_AFTER_S, SETTLING_S, RobustFilter
+from train_localization.state import Fix, Fused, Heard, Stretch
 
 Array = NDArray[np.float64]
 

@@ -35,7 +35,8 @@ from train_localization.measurements import (
 from train_localization.paper_filter import PaperFilter
 from train_localization.placing import Placing
 from train_localization.plausible import problem
-from train_localization.robust_filter import LOST_AFTER_S, Fix, Fused, RobustFilter, Stretch
+from train_localization.robust_filter import LOST_AFTER_S, RobustFilter
+from train_localization.state import Fix, Fused, Stretch
 
 Array = NDArray[np.float64]
 

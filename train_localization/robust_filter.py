@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from train_localization import kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
-from train_localization.measurements import GnssFix, WheelSpeed
+from train_localization.measurements import WheelSpeed
 from train_localization.placing import Placing
 from train_localization.standing import STILL_SIGMA_MPS, quiet
+from train_localization.state import Fix, Fused, Heard, Stretch
 
 Array = NDArray[np.float64]
 
@@ -41,8 +41,10 @@ ALONE_S = 1.0
 """An odometer not heard for so long is missing [s]."""
 BIAS_AFTER_REST = 0.2
 """Share of the gyro biases' sigma that is left after a rest."""
-AXES_OF = {'BDS/SINS': 3, 'height-aided': 2}
-LOST_M = 50.0
+
+LOST_M, DOUBT_DEG = 50.0, 5.0
+AGAINST_FIXES, AGAINST_WHEEL = 4, 10
+"""So many fixes and odometer speeds in a row, both refused: it is the filter that is wrong."""
 ALIKE = 10.0
 """
 A fix that claims more than the usual slow error has more of it; so many in a row, one a second, are
@@ -55,83 +57,6 @@ GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
 
 
 IDENTITY = np.eye(SIZE)
-
-
-class Stretch(NamedTuple):
-    """
-    IMU samples of one filter step.
-
-    Attributes:
-        time_s: stamp of the last [s].
-        stamps: (m,) [s].
-        rates: (m, 3) [rad/s].
-        forces: (m, 3) [m/s^2].
-    """
-
-    time_s: float
-    stamps: Array
-    rates: Array
-    forces: Array
-
-
-class Fix(NamedTuple):
-    """A fix, and how many axes of it are good: 3, 2 (height-aided) or 0."""
-
-    time_s: float
-    gnss: GnssFix
-    axes: int
-
-
-Heard = Stretch | Fix | WheelSpeed
-
-
-class Fused(NamedTuple):
-    """
-    What the filter knows; never changed in place.
-
-    Attributes:
-        nav: (10,) see ``estimation.ins``.
-        aux: (14,) see ``kernels``.
-        P: (23, 23).
-        time_s: stamp of the last IMU sample [s].
-        before: (6,) that sample's rate and force.
-        w_mean: (3,) mean rate of the last step [rad/s].
-        gain: forward acceleration over the last step [m/s^2].
-        began_s: when the filter started [s].
-        fixed_s: stamp of the last good fix [s].
-        axes: of it.
-        refused_fixes: in a row.
-        wheel_s: stamp of the last odometer speed [s].
-        refused_wheel: in a row.
-        moved_s: when the odometer last turned [s].
-        railed_s: when the rails were last used [s].
-        mapped_s: when the line was [s].
-        chainage: nearest, along the line [m].
-        trusted: whether the map's offset has been taken for small.
-        reason: why the newest measurement was refused; '' when it was not.
-        nis: of it; NaN when it was not used.
-    """
-
-    nav: Array
-    aux: Array
-    P: Array
-    time_s: float
-    before: Array
-    w_mean: Array
-    gain: float
-    began_s: float
-    fixed_s: float
-    axes: int
-    refused_fixes: int
-    wheel_s: float
-    refused_wheel: int
-    moved_s: float
-    railed_s: float
-    mapped_s: float
-    chainage: float
-    trusted: bool
-    reason: str
-    nis: float
 
 
 class RobustFilter:
@@ -296,15 +221,30 @@ class RobustFilter:
         worse = (1.0 - min(gnss.white_share, 1.0) ** 2) * claimed**2 - slow**2
         R += ALIKE * np.maximum(worse, 0.0)
         settling = state.time_s - state.began_s < SETTLING_S
-        if state.refused_fixes >= gnss.recover_after:
-            P[:3, :3] += np.diag(ahead**2 + LOST_M**2)
-            P[3:6, 3:6] += np.diag((ahead / max(fix.time_s - state.fixed_s, 1.0)) ** 2)
+        alone = state.refused_fixes >= gnss.recover_after
+        both = state.refused_fixes >= AGAINST_FIXES and state.refused_wheel >= AGAINST_WHEEL
+        if alone or both:
+            self._doubt(P, ahead, fix.time_s - state.fixed_s)
+            state = state._replace(began_s=fix.time_s, refused_wheel=0)
             settling = True
         huber, gate = (gnss.gate, ANY) if settling else (gnss.huber, gnss.gate)
         nis = kernels.fix(nav, aux, P, ahead, R, heard.axes, huber, gate)
         if nis > gnss.gate and not settling:
             return state._replace(refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis)
         return state._replace(refused_fixes=0, fixed_s=fix.time_s, axes=heard.axes, nis=nis)
+
+    def _doubt(self, P: Array, ahead: Array, elapsed: float) -> None:
+        """Forget nearly all of what is known of the motion: fixes have spoken against it."""
+        imu = self._config.imu.of_grade()
+        P[:INERTIAL, :] = 0.0
+        P[:, :INERTIAL] = 0.0
+        sigma = np.empty(INERTIAL)
+        sigma[:3] = np.abs(ahead) + LOST_M
+        sigma[3:6] = np.abs(ahead).max() / max(elapsed, 1.0)
+        sigma[6:9] = math.radians(DOUBT_DEG)
+        sigma[9:12] = math.radians(imu.gyro_bias_sigma) / 3600.0
+        sigma[12:15] = imu.accel_bias_sigma * 1e-3 * GRAVITY
+        P[:INERTIAL, :INERTIAL] = np.diag(sigma**2)
 
     def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
         wheel = self._config.wheel

@@ -14,7 +14,8 @@ from track_localization.estimation.smoother import rts_smooth
 from train_localization import kernels
 from train_localization.estimate import Estimate
 from train_localization.pipeline import TrainPipeline
-from train_localization.robust_filter import Fused, RobustFilter, Stretch
+from train_localization.robust_filter import RobustFilter
+from train_localization.state import Fused, Stretch
 
 Array = NDArray[np.float64]
 

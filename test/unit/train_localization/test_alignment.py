@@ -18,8 +18,13 @@ GRAVITY = 9.80665
 DATUM = Datum(0.7, 2.0, 100.0)
 
 
-def drive(speed, course, seconds, roll=0.0, pitch=0.0, turning=0.0, gain=0.0, off=None):
-    """Return an Alignment that heard a train; ``off`` {second: metres north} spoils fixes."""
+def drive(speed, course, seconds, roll=0.0, pitch=0.0, turning=0.0, gain=0.0, off=None, slip=()):
+    """
+    Return an Alignment that heard a train.
+
+    ``off`` {second: metres north} spoils fixes; from ``slip[0]`` to ``slip[1]`` s wheels turn a
+    fifth too fast.
+    """
     found, place, begin = Alignment(AlignmentConfig()), np.zeros(2), 100.0
     R = so3.matrix_from_rpy(roll, pitch, 0.0)
     for k in range(int(seconds * 100) + 1):
@@ -29,7 +34,8 @@ def drive(speed, course, seconds, roll=0.0, pitch=0.0, turning=0.0, gain=0.0, of
         force = R.T @ np.array([gain, v * turning, GRAVITY])
         found.imu(ImuSample(t, force, R.T @ np.array([0.0, 0.0, turning])))
         if k % 10 == 0:
-            found.wheel(WheelSpeed(t, v, 0.01))
+            slipping = bool(slip) and slip[0] <= t - begin < slip[1]
+            found.wheel(WheelSpeed(t, 1.2 * v if slipping else v, 0.01))
         if k % 100 == 0:
             lat, lon, h = geodetic_from_enu([*place, 0.0], DATUM)[0]
             far = (off or {}).get(k // 100, 0.0)
@@ -95,3 +101,14 @@ def test_a_start_that_is_told_couples_velocity_and_attitude():
     sampled = np.cov(np.array(drawn).T)
     scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
     np.testing.assert_allclose(start.covariance[3:, 3:] / scale, sampled / scale, atol=0.06)
+
+
+@pytest.mark.parametrize('slip', [(0.5, 4.0), (1.0, 2.05), (1.8, 3.0)])
+def test_wheels_that_slip_are_no_acceleration(slip):
+    """Level is found once they do not: half a degree, where 10 m/s in 0.1 s would tilt all."""
+    start, _, speed = drive(50.0, 0.5, 12.0, slip=slip)
+    roll, pitch, _ = angles(start)
+    sigma = np.sqrt(np.diag(start.covariance))
+    assert abs(pitch) < 2.0 * sigma[7]
+    assert abs(roll) < 2.0 * sigma[6]
+    assert np.hypot(*start.velocity[:2]) == pytest.approx(speed, abs=2.0)

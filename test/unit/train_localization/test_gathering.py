@@ -9,7 +9,7 @@ from track_localization.estimation.imu import ImuSample
 from train_localization.config import GnssConfig
 from train_localization.gathering import Gathering
 from train_localization.measurements import GnssFix, GnssQuality, WheelSpeed
-from train_localization.robust_filter import Fix, Stretch
+from train_localization.state import Fix, Stretch
 
 
 def sample(time_s):
@@ -94,7 +94,9 @@ def test_a_fix_whose_quality_never_comes_is_used_in_the_end(gathering):
 
 
 @pytest.mark.parametrize('covariance', [np.zeros((3, 3)), np.full((3, 3), np.nan)])
-def test_a_covariance_that_is_not_told_is_assumed(gathering, covariance):
-    out = feed(gathering, fix(0.02, covariance), *(sample(0.01 * k) for k in range(5)))
+@pytest.mark.parametrize(('hdop', 'sigma_m'), [(None, 1.5), (np.nan, 1.5), (0.8, 1.5), (2.0, 3.0)])
+def test_a_covariance_that_is_not_told_is_assumed(gathering, covariance, hdop, sigma_m):
+    told = [] if hdop is None else [GnssQuality(0.02, 9, hdop)]
+    out = feed(gathering, *told, fix(0.02, covariance), *(sample(0.01 * k) for k in range(5)))
     (found,) = [x for x in out if isinstance(x, Fix)]
-    np.testing.assert_array_equal(found.gnss.covariance, 9.0 * np.eye(3))
+    np.testing.assert_allclose(found.gnss.covariance, sigma_m**2 * np.eye(3))

@@ -15,7 +15,7 @@ from train_localization.config import TrainConfig
 from train_localization.kernels import moved
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.paper_filter import PaperFilter
-from train_localization.robust_filter import Fix, Stretch
+from train_localization.state import Fix, Stretch
 
 LATITUDE, V = 0.7, 50.0
 H = np.array([1.0, 0.0])

@@ -12,19 +12,26 @@ from train_localization.alignment import start_at
 from train_localization.config import TrainConfig
 from train_localization.kernels import apart, moved
 from train_localization.measurements import GnssFix, WheelSpeed
-from train_localization.robust_filter import Fix, RobustFilter, Stretch
+from train_localization.robust_filter import RobustFilter
+from train_localization.state import Fix, Stretch
 
 LATITUDE, V, EPOCH_S = 0.7, 50.0, 0.1
 BEGIN = np.array([LATITUDE, 0.3, 0.0])
 
 
-def drive(seconds, off_m, sigma_m):
-    """Drive north with a fix a second, all ``off_m`` east; return error east and sigma [m]."""
+def drive(seconds, off_m, sigma_m, believed=V):
+    """
+    Drive north with a fix a second, all ``off_m`` east; return error east and sigma [m].
+
+    Where the filter is sure of a speed that it does not have, return the error north instead.
+    """
     sure = {'imu.grade': 'navigation', 'wheel.mounting_sigma_deg': 0.0}
     filter_ = RobustFilter(override(TrainConfig(), sure))
     covariance = np.diag([0.25, 0.25, 0.25, 1e-8, 1e-8, 1e-8])
     R_nb = so3.matrix_from_rpy(0.0, 0.0, np.pi / 2)
-    state = filter_.start(start_at(0.0, BEGIN, R_nb, covariance, V, 0.1))
+    state = filter_.start(start_at(0.0, BEGIN, R_nb, covariance, believed, 0.1))
+    if believed != V:
+        state = state._replace(began_s=-60.0)
     earth, transport = np.empty(3), np.empty(3)
     earth_rate(LATITUDE, earth)
     transport_rate(state.nav, transport)
@@ -41,8 +48,9 @@ def drive(seconds, off_m, sigma_m):
             place = moved(BEGIN, np.array([off_m, V * t, 0.0]))
             fix = GnssFix(t, *place, np.eye(3) * sigma_m**2)
             state = filter_.apply(state, Fix(t, fix, 3))
-    true = moved(BEGIN, np.array([0.0, V * seconds, 0.0]))
-    return -apart(state.nav, *true)[0], np.sqrt(state.P[0, 0])
+    error = -apart(state.nav, *moved(BEGIN, np.array([0.0, V * seconds, 0.0])))
+    axis = 0 if believed == V else 1
+    return error[axis], np.sqrt(state.P[axis, axis])
 
 
 def test_fixes_that_claim_much_do_not_carry_the_train_away():
@@ -58,3 +66,10 @@ def test_usual_fixes_are_followed_as_far_as_their_slow_error_lets():
     share = 0.25 / (0.25 + 0.64)
     assert error == pytest.approx(share, abs=0.25)
     assert sigma == pytest.approx(0.8 * np.sqrt(share), abs=0.15)
+
+
+def test_a_filter_against_which_fixes_and_odometer_agree_gives_in():
+    """It is sure to be 8 m/s faster: after 20 s that would be 160 m; four fixes are refused."""
+    error, sigma = drive(20.0, 0.0, 0.85, believed=V + 8.0)
+    assert abs(error) < 2.0
+    assert abs(error) < 3.0 * sigma
