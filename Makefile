@@ -31,12 +31,15 @@ test: lint types
 demo: $(STAMP)
 	$(BIN)/python tools/demo.py
 
-# The README's pictures: the demo's, and that of the shipped maglev recording.
+# The README's pictures: the demo's, the shipped maglev recording's and a simulated train's.
 pictures: demo
 	mkdir -p docs
 	cp demo/report/error_along_track.png docs/
 	$(BIN)/evaluate maglev bags/maglev_line --methods robust,kalman --output demo/maglev
 	cp demo/maglev/error_from_first_balise.png docs/maglev_error.png
+	$(BIN)/simulate train --scenario paper --seed 1 --output demo/train_run
+	$(BIN)/evaluate train demo/train_run/bag --output demo/train
+	cp demo/train/level_error.png docs/train_error.png
 
 # Reads ../shared/data, or the folder that TRACK_LOCALIZATION_DATA names.
 real: $(STAMP)
