@@ -60,6 +60,30 @@ def test_a_plain_run(train, method):
     assert pipeline.rejected.get('loop', {}) == {}
 
 
+@pytest.mark.parametrize('late_s', [0.03, 0.07, 0.3])
+@pytest.mark.parametrize('method', ['robust', 'kalman'])
+def test_a_radar_that_always_comes_late_does_not_stall_the_estimates(train, method, late_s):
+    """By a processing time of its own, or by its clock: whoever comes first, 10 Hz at least."""
+    stream = sorted(
+        train.measurements(), key=lambda z: z.time_s + late_s * isinstance(z, RadarSpeed)
+    )
+    estimates = run(make(train, method), stream)
+    time_s = train.errors(estimates)[0]
+    assert (np.diff(time_s) >= 0.0).all()
+    assert np.diff(time_s).max() < 0.16
+    assert inside(train, estimates, 5.0)
+
+
+@pytest.mark.parametrize('method', ['robust', 'kalman'])
+def test_nothing_is_said_before_the_speed_is_known(train, method):
+    """A loop's first reading tells no speed: under way, nought would be 20 m/s off."""
+    stream = [z for z in train.measurements() if z.time_s > 1060.0]
+    for heard in (stream, only(stream, LoopPosition)):
+        first = run(make(train, method), heard)[0]
+        assert first.speed == pytest.approx(25.0, abs=3.0 * first.sigma_speed)
+        assert first.sigma_speed <= 10.0
+
+
 UNUSABLE = [
     ('loop', 'not_finite', LoopPosition(1050.011, math.nan, 0.01)),
     ('loop', 'not_finite', LoopPosition(math.inf, 3.0, 0.01)),

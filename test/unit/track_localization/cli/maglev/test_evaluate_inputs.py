@@ -154,6 +154,15 @@ def test_the_table_of_another_line_is_told(run):
     assert all(word in finding for word in ('A, B, C', 'K9', 'another line'))
 
 
+def test_estimates_can_know_a_late_balise_from_its_arrival_on(run):
+    """The first, passed at 1007.0 s, is recorded a second later: by then the loop was at 1007.9."""
+    kind, rows = run.topics['/balise/pose']
+    (_, message), *others = rows
+    run.topics['/balise/pose'] = (kind, [(1007.95, message), *others])
+    run.write()
+    assert read(run).first_balise_s == pytest.approx(1007.9, abs=0.051)
+
+
 def test_a_named_table_comes_before_the_one_beside_the_bag(run, tmp_path):
     other = tmp_path / 'other.csv'
     other.write_text('id,chainage_m,sigma_m\nB,222.0,0.1\n')
