@@ -143,7 +143,9 @@ class PaperFilter:
         if elapsed > LONGEST_STEP_S:
             self._set_dead_reckoning(state)
             return state
-        R_nb, run = kernels.rotation(nav), heard.speed * elapsed
+        # The paper's odometer counts way; a speed is that of a moment ago, not of the interval.
+        earlier = 0.5 * elapsed - max(self._config.wheel.delay_s, 0.0)
+        R_nb, run = kernels.rotation(nav), (heard.speed - state.gain * earlier) * elapsed
         way = run / (1.0 + aux[9])
         aux[6:9] += way * R_nb[:, 0]
         self._carry(P, R_nb, way, run)
