@@ -29,6 +29,8 @@ PASS_M, PASS_MPS = 4.0, 0.3
 """A train met under way is looked for every so many metres, where it moves [m/s]."""
 SAME_LENGTH_M = 1.0
 """Two lines whose lengths differ by less than this are of the same track."""
+CORNER = 0.15
+"""Share of that which holds where the speed has a corner."""
 AGREE = 0.05
 """Passes of the design whose speeds differ by less than this share tell one usual speed."""
 CHANGE_M, RENEWED = 2.0, 3.0
@@ -47,11 +49,11 @@ def line_map(
     table = LineMap(Centreline.from_design_ride(design), config.attitude_sigma)
     if config.speed_sigma > 0.0:
         speed = usual_speed(design, table)
-        open_ = PLACE_SIGMA_M * np.abs(np.gradient(speed, table.step_m))
+        open_ = place_spread(speed, table.step_m)
         back = usual_speed(design, table, backward=True)
         renewal = regime_changes(speed, table) + regime_changes(-back, table)
         table.set_speed(speed, open_, 1.0 / config.speed_correlation_m + renewal)
-        table.set_speed_back(back, PLACE_SIGMA_M * np.abs(np.gradient(back, table.step_m)))
+        table.set_speed_back(back, place_spread(back, table.step_m))
     table.passes = passes(design)
     if learned is not None:
         correct_line(table, learned, config.speed_sigma > 0.0)
@@ -130,6 +132,20 @@ def usual_speed(design: DesignRide, table: LineMap, backward: bool = False) -> A
             least, most = np.fmin(least, here), np.fmax(most, here)
     agree = (most - least <= AGREE * most) & (least >= SLOWEST_MPS)
     return np.where(agree, 0.5 * way * (least + most), np.nan)
+
+
+def place_spread(speed: Array, step_m: float) -> Array:
+    """
+    Return how much the speed (M,) differs where brakes and drives take hold elsewhere [m/s].
+
+    By its slope, and to both sides of a corner by a share of what three points differ.
+    """
+    shift = round(np.sqrt(3.0) * PLACE_SIGMA_M / step_m)
+    padded = np.pad(speed, shift, mode='edge')
+    ahead, behind = padded[2 * shift :], padded[: len(speed)]
+    apart = np.sqrt(((ahead - speed) ** 2 + (behind - speed) ** 2) / 6.0)
+    slope = np.abs(np.gradient(speed, step_m))
+    return np.asarray(np.maximum(PLACE_SIGMA_M * slope, CORNER * apart))
 
 
 def regime_changes(speed: Array, table: LineMap) -> Array:
