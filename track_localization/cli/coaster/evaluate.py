@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from coaster_localization.methods import METHODS, MethodResult, run_methods
+from track_localization.cli.arguments import add_evaluation
 from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.coaster import pictures as coaster_pictures
 from track_localization.cli.coaster import sweeps as coaster_sweeps
 from track_localization.cli.coaster.evaluate_files import report_sections, write_bag
 from track_localization.cli.coaster.evaluate_notes import notes
 from track_localization.cli.coaster.results import Reference, figures, floor_figures, table
-from track_localization.cli.common import guarded, names_among, say
+from track_localization.cli.common import guarded, say
 from track_localization.cli.files import make_folder, write_metrics, write_trajectories
 from track_localization.cli.parameters import config_text
 from track_localization.cli.progress import Progress
@@ -37,14 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
         'track.csv, design_ride.csv and markers.csv are looked for beside the bag.',
     )
     coaster_inputs.add_arguments(parser)
-    parser.add_argument(
-        '--methods',
-        type=names_among(METHODS),
-        default=METHODS,
-        help=f'some of {",".join(METHODS)}',
-    )
-    parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
-    parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
+    add_evaluation(parser, METHODS)
     parser.add_argument(
         '--sweeps',
         action='store_true',

@@ -8,11 +8,16 @@ from pathlib import Path
 
 import yaml
 
-from track_localization.cli.common import assignment, guarded, plain, say, settings_help
+from track_localization.cli.arguments import (
+    add_simulation,
+    scenario_list,
+    settings_parser,
+    simulation,
+)
+from track_localization.cli.common import guarded, plain, say
 from track_localization.errors import DataError
 from track_localization.io.bags import BagWriter
 from track_localization.io.tables import write_markers
-from track_localization.settings import override
 from track_localization.sim.coaster import (
     SCENARIOS,
     TRACKS,
@@ -40,40 +45,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if args.ship is not None:
         return guarded(lambda: ship(args.ship))
-    if args.output is None:
-        parser.error('--output DIR is missing')
-    if args.scenario not in SCENARIOS:
-        parser.error(f'unknown scenario {args.scenario!r}; known: {", ".join(SCENARIOS)}')
-    try:
-        config = override(scenario(args.scenario), dict(args.set))
-    except DataError as error:
-        parser.error(str(error))
+    config = simulation(parser, args, SCENARIOS, scenario)
     return guarded(lambda: run(args, config))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser; its epilog lists every setting."""
-    parser = argparse.ArgumentParser(
-        prog='simulate coaster',
-        description='Simulate a run: DIR/bag (mcap: imu/data_raw, ground_truth/odometry), '
+    parser = settings_parser(
+        'simulate coaster',
+        'Simulate a run: DIR/bag (mcap: imu/data_raw, ground_truth/odometry), '
         'track.csv, design_ride.csv, markers.csv, ride_info.yaml.',
-        epilog=f'settings:\n{settings_help(CoasterSimConfig())}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        CoasterSimConfig(),
     )
-    parser.add_argument('--seed', type=int, default=1, help='same seed, same bits (1)')
-    parser.add_argument('--scenario', default='nominal', help='errors to simulate (nominal)')
+    add_simulation(parser, 'nominal', 'tracks and scenarios')
     parser.add_argument('--track', help='a built-in track, or a track file with --ride')
     parser.add_argument('--ride', type=Path, help='ride.yaml: train, zones and phases for a file')
-    parser.add_argument(
-        '--set',
-        type=assignment,
-        action='append',
-        default=[],
-        metavar='FIELD=VALUE',
-        help='change a setting; may be repeated',
-    )
-    parser.add_argument('--output', type=Path, metavar='DIR', help='where the files go')
-    parser.add_argument('--list', action='store_true', help='list tracks and scenarios, and end')
     parser.add_argument(
         '--ship', type=Path, metavar='DIR', help='write track and ride plan of each built-in track'
     )
@@ -82,8 +68,6 @@ def make_parser() -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace, config: CoasterSimConfig) -> None:
     """Simulate as the arguments say and write everything."""
-    if args.seed < 0:
-        raise DataError(f'--seed {args.seed}: must not be negative')
     model = load_model(args.track, args.ride, args.scenario)
     say(f'simulating {model.name}, {args.scenario}, seed {args.seed}')
     ride = simulate_coaster(model, config, args.seed)
@@ -146,11 +130,8 @@ def ship(folder: Path) -> None:
 
 def _listing() -> str:
     tracks = '\n'.join(f'  {name:12} {DESIGNS[name].title}' for name in TRACKS)
-    scenarios = '\n'.join(
-        f'  {name:12} ' + (', '.join(f'{k}={v}' for k, v in changes.items()) or 'the defaults')
-        for name, changes in SCENARIOS.items()
-    )
-    return f'tracks:\n{tracks}\nscenarios (shuttle also selects that track):\n{scenarios}'
+    listed = scenario_list(SCENARIOS)
+    return f'tracks:\n{tracks}\n{listed}\n(shuttle also selects that track)'
 
 
 if __name__ == '__main__':

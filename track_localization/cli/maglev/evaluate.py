@@ -9,7 +9,8 @@ from typing import Any
 
 from maglev_localization.config import MaglevConfig
 from maglev_localization.methods import METHODS, run_methods
-from track_localization.cli.common import assignment, guarded, names_among, say, settings_help
+from track_localization.cli.arguments import add_evaluation, check_settings, settings_parser
+from track_localization.cli.common import guarded, say
 from track_localization.cli.files import make_folder, write_metrics, write_trajectories
 from track_localization.cli.maglev.inputs import SENSORS, TRUTH_TOPIC, Inputs, add_arguments
 from track_localization.cli.maglev.inputs import read_inputs as read
@@ -24,54 +25,33 @@ from track_localization.cli.maglev.results import (
 )
 from track_localization.cli.parameters import config_text
 from track_localization.cli.progress import Progress
-from track_localization.errors import DataError
 from track_localization.evaluation import provenance
 from track_localization.evaluation.report import Picture, Section, write_report
 from track_localization.evaluation.tabulate import Table
 from track_localization.io import bags
 from track_localization.io.bag_writer import BagWriter, Message
 from track_localization.io.sensor_messages import odometry_messages
-from track_localization.settings import override
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse arguments, evaluate, write; return the exit code."""
     parser = make_parser()
     args = parser.parse_args(argv)
-    try:
-        override(MaglevConfig(), dict(args.set))
-    except DataError as error:
-        parser.error(f'--set: {error}')
+    check_settings(parser, args, MaglevConfig())
     return guarded(lambda: run(args))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser; its epilog lists every setting."""
-    parser = argparse.ArgumentParser(
-        prog='evaluate maglev',
-        description='Run every method over a recording and write metrics.json, '
+    parser = settings_parser(
+        'evaluate maglev',
+        'Run every method over a recording and write metrics.json, '
         'trajectory_<method>.csv and .tum, pictures, report.html and a bag of the results. '
         'balises.csv and track.csv are looked for beside the bag.',
-        epilog=f'settings:\n{settings_help(MaglevConfig())}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        MaglevConfig(),
     )
     add_arguments(parser)
-    parser.add_argument(
-        '--set',
-        type=assignment,
-        action='append',
-        default=[],
-        metavar='FIELD=VALUE',
-        help='change a setting; may be repeated',
-    )
-    parser.add_argument(
-        '--methods',
-        type=names_among(METHODS),
-        default=METHODS,
-        help=f'some of {",".join(METHODS)}',
-    )
-    parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
-    parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
+    add_evaluation(parser, METHODS)
     return parser
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from maglev_localization.methods import METHODS
 from track_localization.cli import goals
-from track_localization.cli.common import guarded, names_among, seed_range
+from track_localization.cli.arguments import add_exam
+from track_localization.cli.common import guarded, seed_range
+from track_localization.cli.exam_runs import Run, Task, runs_note
 from track_localization.cli.maglev import reproduce_goals, reproduce_paper, reproduce_tables
 from track_localization.cli.maglev.reproduce_runs import (
     CASES,
@@ -17,8 +19,6 @@ from track_localization.cli.maglev.reproduce_runs import (
     LINE,
     MISSED,
     PAPER,
-    Run,
-    Task,
     code_fingerprint,
 )
 from track_localization.evaluation import provenance
@@ -51,21 +51,7 @@ def make_parser() -> argparse.ArgumentParser:
         help=f'1000:1050; scenarios with faults: the first {FAULT_SEEDS} of them',
     )
     reproduce_paper.add_arguments(parser)
-    parser.add_argument(
-        '--scenarios',
-        type=names_among(tuple(CASES)),
-        default=tuple(CASES),
-        metavar='A,B',
-        help=f'some of {", ".join(CASES)}',
-    )
-    parser.add_argument(
-        '--methods', type=names_among(METHODS), default=METHODS, metavar='A,B',
-        help=f'some of {", ".join(METHODS)}',
-    )  # fmt: skip
-    parser.add_argument('--jobs', type=int, default=2, help='worker processes (2)')
-    parser.add_argument(
-        '--reprint', action='store_true', help='print from the runs kept, whatever code made them'
-    )
+    add_exam(parser, tuple(CASES), METHODS)
     parser.add_argument('--output', type=Path, default=Path('reproduce', 'maglev'), metavar='DIR')
     return parser
 
@@ -119,18 +105,11 @@ def publish(
         f'reproduce maglev --seeds {args.seeds.start}:{args.seeds.stop} '
         f'--paper-seeds {args.paper_seeds.start}:{args.paper_seeds.stop} '
         f'--scenarios {",".join(args.scenarios)} --methods {",".join(args.methods)}.',
-        *_runs_note(runs),
+        *runs_note(runs),
         f'Run times with {args.jobs} jobs on {provenance.machine()["processors"]} processors.',
         f'Commit {provenance.commit()}, code {code}.',
     ]
     goals.show(args.output, shown, said)
-
-
-def _runs_note(runs: Sequence[Run]) -> list[str]:
-    """Return sentences on what was run and what failed."""
-    failed = [run for run in runs if 'failed' in run.about]
-    told = [f'failed: {run.case} seed {run.seed}: {run.about["failed"]}' for run in failed]
-    return [f'{len(runs)} runs, {len(failed)} failed.', *told]
 
 
 if __name__ == '__main__':

@@ -21,7 +21,8 @@ from maglev_localization.measurements import (
     RadarSpeed,
 )
 from maglev_localization.methods import METHODS, run_methods
-from track_localization.cli.kept import Figures, Keeper, flat, read_figures, write_figures
+from track_localization.cli.exam_runs import Run, Task, keeper
+from track_localization.cli.kept import Figures, flat
 from track_localization.cli.maglev.reproduce_floor import linear_optimum, optimal
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
@@ -121,37 +122,6 @@ CASES: Mapping[str, Case] = {
     ),
 }
 """Everything that is examined; TOLD_WRONG takes the counter's first reading for the chainage."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Task:
-    """One run to simulate, and the entries of its case that take part."""
-
-    case: str
-    seed: int
-    entries: tuple[str, ...]
-
-    @property
-    def file(self) -> str:
-        """Name of the file that keeps its figures."""
-        return f'{self.case}_{self.seed}.csv'
-
-
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """
-    Figures of one run.
-
-    Attributes:
-        case, seed: which run.
-        about: of the run itself: ``duration_s``, or ``failed`` with the reason.
-        entries: dotted names as in metrics.json, e.g. ``position_m.rmse``, by entry.
-    """
-
-    case: str
-    seed: int
-    about: Figures
-    entries: Mapping[str, Figures]
 
 
 def run_task(task: Task) -> Run:
@@ -256,30 +226,7 @@ def _outage(simulation: MaglevSimConfig) -> tuple[float, float] | None:
     return None
 
 
-def read_run(path: Path, task: Task, code: str | None) -> Run | None:
-    """Return a kept run, or None where there is none that serves; see ``Keeper``."""
-    found = read_figures(path, code)
-    if found is None:
-        return None
-    about, entries = found
-    if 'failed' not in about and not set(task.entries) <= set(entries):
-        return None
-    return Run(task.case, task.seed, about, {n: entries[n] for n in task.entries if n in entries})
-
-
-def write_run(path: Path, run: Run, code: str) -> None:
-    """Keep a run."""
-    write_figures(path, run.about, run.entries, code)
-
-
-KEEPER = Keeper(
-    'runs',
-    run_task,
-    lambda task: task.file,
-    read_run,
-    write_run,
-    lambda run: f'{run.case} {run.seed}',
-)
+KEEPER = keeper(run_task)
 """Runs the tasks and keeps what they give."""
 
 
@@ -292,6 +239,7 @@ def code_fingerprint() -> str:
         [
             *(p for p in sorted(system.glob('*.py'))),
             *(shared / room for room in ('estimation', 'track', 'sim/maglev', 'cli/kept.py')),
+            shared / 'cli' / 'exam_runs.py',
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'line_metrics')),
             shared / 'evaluation' / 'interpolation.py',
             *(here / f'reproduce_{n}.py' for n in ('runs', 'floor')),

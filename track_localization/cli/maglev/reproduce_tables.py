@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization.cli.exam_runs import Run
 from track_localization.cli.maglev.reproduce_runs import (
     CASES,
     DEAD,
@@ -16,7 +17,6 @@ from track_localization.cli.maglev.reproduce_runs import (
     PAPER,
     TOLD_WRONG,
     UNKNOWN,
-    Run,
 )
 from track_localization.evaluation.tabulate import Cell, Table
 

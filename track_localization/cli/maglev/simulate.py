@@ -8,7 +8,13 @@ from pathlib import Path
 
 import yaml
 
-from track_localization.cli.common import assignment, guarded, plain, say, settings_help
+from track_localization.cli.arguments import (
+    add_simulation,
+    scenario_list,
+    settings_parser,
+    simulation,
+)
+from track_localization.cli.common import guarded, plain, say
 from track_localization.errors import DataError
 from track_localization.io.bag_writer import BagWriter
 from track_localization.io.sensor_messages import (
@@ -16,7 +22,6 @@ from track_localization.io.sensor_messages import (
     pose_messages,
     twist_messages,
 )
-from track_localization.settings import override
 from track_localization.sim.maglev import (
     SCENARIOS,
     MaglevSimConfig,
@@ -35,47 +40,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.list:
-        print(_listing())
+        print(scenario_list(SCENARIOS))
         return 0
-    if args.output is None:
-        parser.error('--output DIR is missing')
-    if args.scenario not in SCENARIOS:
-        parser.error(f'unknown scenario {args.scenario!r}; known: {", ".join(SCENARIOS)}')
-    try:
-        config = override(scenario(args.scenario), dict(args.set))
-    except DataError as error:
-        parser.error(str(error))
+    config = simulation(parser, args, SCENARIOS, scenario)
     return guarded(lambda: run(args, config))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser; its epilog lists every setting."""
-    parser = argparse.ArgumentParser(
-        prog='simulate maglev',
-        description='Simulate a run: DIR/bag (mcap: loop/pose, radar/twist, balise/pose, '
+    parser = settings_parser(
+        'simulate maglev',
+        'Simulate a run: DIR/bag (mcap: loop/pose, radar/twist, balise/pose, '
         'ground_truth/odometry), balises.csv, run_info.yaml, and track.csv if the line curves.',
-        epilog=f'settings:\n{settings_help(MaglevSimConfig())}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        MaglevSimConfig(),
     )
-    parser.add_argument('--seed', type=int, default=1, help='same seed, same bits (1)')
-    parser.add_argument('--scenario', default='line', help='errors to simulate (line)')
-    parser.add_argument(
-        '--set',
-        type=assignment,
-        action='append',
-        default=[],
-        metavar='FIELD=VALUE',
-        help='change a setting; may be repeated',
-    )
-    parser.add_argument('--output', type=Path, metavar='DIR', help='where the files go')
-    parser.add_argument('--list', action='store_true', help='list scenarios, and end')
+    add_simulation(parser, 'line', 'scenarios')
     return parser
 
 
 def run(args: argparse.Namespace, config: MaglevSimConfig) -> None:
     """Simulate as the arguments say and write everything."""
-    if args.seed < 0:
-        raise DataError(f'--seed {args.seed}: must not be negative')
     say(f'simulating {args.scenario}, seed {args.seed}')
     simulated = simulate_maglev(config, args.seed)
     write(
@@ -122,14 +106,6 @@ def write_bag(simulated: SimulatedRun, path: Path) -> None:
             twist_messages('radar/twist', *radar.columns()),
             odometry_messages('ground_truth/odometry', simulated.truth()),
         )
-
-
-def _listing() -> str:
-    scenarios = '\n'.join(
-        f'  {name:12} ' + (', '.join(f'{k}={v}' for k, v in changes.items()) or 'the defaults')
-        for name, changes in SCENARIOS.items()
-    )
-    return f'scenarios:\n{scenarios}'
 
 
 if __name__ == '__main__':

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from track_localization.cli.common import assignment, guarded, names_among, say, settings_help
+from track_localization.cli.arguments import add_evaluation, check_settings, settings_parser
+from track_localization.cli.common import guarded, say
 from track_localization.cli.files import make_folder, write_metrics, write_trajectories
 from track_localization.cli.parameters import config_text
 from track_localization.cli.progress import Progress
@@ -30,7 +31,6 @@ from track_localization.io import bags
 from track_localization.io.bag_writer import BagWriter, Message
 from track_localization.io.gnss import TOPICS
 from track_localization.io.sensor_messages import odometry_messages
-from track_localization.settings import override
 from train_localization.config import TrainConfig
 from train_localization.methods import MAP, METHODS, run_methods
 
@@ -39,40 +39,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Parse arguments, evaluate, write; return the exit code."""
     parser = make_parser()
     args = parser.parse_args(argv)
-    try:
-        override(TrainConfig(), dict(args.set))
-    except DataError as error:
-        parser.error(f'--set: {error}')
+    check_settings(parser, args, TrainConfig())
     return guarded(lambda: run(args))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser; its epilog lists every setting."""
-    parser = argparse.ArgumentParser(
-        prog='evaluate train',
-        description='Run every method over a recording and write metrics.json, '
+    parser = settings_parser(
+        'evaluate train',
+        'Run every method over a recording and write metrics.json, '
         'trajectory_<method>.csv and .tum, pictures, report.html and a bag of the results. '
         'track.csv and datum.yaml are looked for beside the bag.',
-        epilog=f'settings:\n{settings_help(TrainConfig())}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        TrainConfig(),
     )
     add_arguments(parser)
-    parser.add_argument(
-        '--set',
-        type=assignment,
-        action='append',
-        default=[],
-        metavar='FIELD=VALUE',
-        help='change a setting; may be repeated',
-    )
-    parser.add_argument(
-        '--methods',
-        type=names_among(METHODS),
-        default=METHODS,
-        help=f'some of {",".join(METHODS)}',
-    )
-    parser.add_argument('--output', type=Path, default=Path('evaluation'), metavar='DIR')
-    parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
+    add_evaluation(parser, METHODS)
     return parser
 
 

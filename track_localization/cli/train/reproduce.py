@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from track_localization.cli import goals
-from track_localization.cli.common import guarded, names_among, seed_range
+from track_localization.cli.arguments import add_exam
+from track_localization.cli.common import guarded, seed_range
+from track_localization.cli.exam_runs import Run, Task, runs_note
 from track_localization.cli.train import reproduce_figures, reproduce_goals, reproduce_tables
 from track_localization.cli.train.reproduce_runs import (
     CASES,
     ENTRIES,
     KEEPER,
     LINE,
-    Run,
-    Task,
     code_fingerprint,
 )
 from track_localization.evaluation import provenance
@@ -48,21 +48,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar='A:B',
         help=f'{EXAM_SEEDS.start}:{EXAM_SEEDS.stop}; {LINE}: the first {LINE_SEEDS} of them',
     )
-    parser.add_argument(
-        '--scenarios',
-        type=names_among(tuple(CASES)),
-        default=tuple(CASES),
-        metavar='A,B',
-        help=f'some of {", ".join(CASES)}',
-    )
-    parser.add_argument(
-        '--methods', type=names_among(ENTRIES), default=ENTRIES, metavar='A,B',
-        help=f'some of {", ".join(ENTRIES)}',
-    )  # fmt: skip
-    parser.add_argument('--jobs', type=int, default=2, help='worker processes (2)')
-    parser.add_argument(
-        '--reprint', action='store_true', help='print from the runs kept, whatever code made them'
-    )
+    add_exam(parser, tuple(CASES), ENTRIES)
     parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
     parser.add_argument('--output', type=Path, default=Path('reproduce', 'train'), metavar='DIR')
     return parser
@@ -101,18 +87,11 @@ def publish(args: argparse.Namespace, runs: Sequence[Run], code: str) -> None:
     said = [
         f'reproduce train --seeds {args.seeds.start}:{args.seeds.stop} '
         f'--scenarios {",".join(args.scenarios)} --methods {",".join(args.methods)}.',
-        *_runs_note(runs),
+        *runs_note(runs),
         f'Run times with {args.jobs} jobs on {provenance.machine()["processors"]} processors.',
         f'Commit {provenance.commit()}, code {code}.',
     ]
     goals.show(args.output, shown, said)
-
-
-def _runs_note(runs: Sequence[Run]) -> list[str]:
-    """Return sentences on what was run and what failed."""
-    failed = [run for run in runs if 'failed' in run.about]
-    told = [f'failed: {run.case} seed {run.seed}: {run.about["failed"]}' for run in failed]
-    return [f'{len(runs)} runs, {len(failed)} failed.', *told]
 
 
 if __name__ == '__main__':

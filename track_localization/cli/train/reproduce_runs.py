@@ -11,7 +11,8 @@ import numpy as np
 
 import track_localization
 import train_localization
-from track_localization.cli.kept import Figures, Keeper, flat, read_figures, write_figures
+from track_localization.cli.exam_runs import Run, Task, keeper
+from track_localization.cli.kept import Figures, flat
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSample
 from track_localization.evaluation.metrics import present
@@ -78,38 +79,6 @@ CASES: Mapping[str, Case] = {
     LINE: Case('line'),
 }
 """Everything that is examined."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Task:
-    """One run to simulate, and the entries that take part."""
-
-    case: str
-    seed: int
-    entries: tuple[str, ...]
-
-    @property
-    def file(self) -> str:
-        """Name of the file that keeps its figures."""
-        return f'{self.case}_{self.seed}.csv'
-
-
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """
-    Figures of one run.
-
-    Attributes:
-        case, seed: which run.
-        about: of the run itself: ``duration_s``, ``floor_m`` (level error of the last fix before
-            the first outage), or ``failed`` with the reason.
-        entries: dotted names as in metrics.json, e.g. ``outage.max_m.max``, by entry.
-    """
-
-    case: str
-    seed: int
-    about: Figures
-    entries: Mapping[str, Figures]
 
 
 def run_task(task: Task) -> Run:
@@ -191,30 +160,7 @@ def floor_of(run: SimulatedRun) -> float | None:
     return error_of_latest(gnss.time_s[good], position, run.truth(), run.outages[0][0])
 
 
-def read_run(path: Path, task: Task, code: str | None) -> Run | None:
-    """Return a kept run, or None where there is none that serves; see ``Keeper``."""
-    found = read_figures(path, code)
-    if found is None:
-        return None
-    about, entries = found
-    if 'failed' not in about and not set(task.entries) <= set(entries):
-        return None
-    return Run(task.case, task.seed, about, {n: entries[n] for n in task.entries if n in entries})
-
-
-def write_run(path: Path, run: Run, code: str) -> None:
-    """Keep a run."""
-    write_figures(path, run.about, run.entries, code)
-
-
-KEEPER = Keeper(
-    'runs',
-    run_task,
-    lambda task: task.file,
-    read_run,
-    write_run,
-    lambda run: f'{run.case} {run.seed}',
-)
+KEEPER = keeper(run_task)
 """Runs the tasks and keeps what they give."""
 
 
@@ -226,6 +172,7 @@ def code_fingerprint() -> str:
         [
             *(p for p in sorted(system.glob('*.py'))),
             *(shared / room for room in ('estimation', 'track', 'sim/train', 'cli/kept.py')),
+            shared / 'cli' / 'exam_runs.py',
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'navigation_metrics')),
             *(shared / f'{n}.py' for n in ('evaluation/interpolation', 'geodesy')),
             shared / 'cli' / 'train' / 'reproduce_runs.py',

@@ -7,7 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.cli.train.reproduce_runs import CASES, ENTRIES, Run
+from track_localization.cli.exam_runs import Run
+from track_localization.cli.train.reproduce_runs import (
+    CASES,
+    ENTRIES,
+)
 from track_localization.evaluation.tabulate import Cell, Table
 
 Array = NDArray[np.float64]

@@ -9,14 +9,19 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from track_localization.cli.common import assignment, guarded, plain, say, settings_help
+from track_localization.cli.arguments import (
+    add_simulation,
+    scenario_list,
+    settings_parser,
+    simulation,
+)
+from track_localization.cli.common import guarded, plain, say
 from track_localization.errors import DataError
 from track_localization.geodesy import Datum
 from track_localization.io import codec
 from track_localization.io.bag_writer import BagWriter, Message
 from track_localization.io.gnss_messages import fix_messages, quality_messages
 from track_localization.io.sensor_messages import odometry_messages, twist_messages
-from track_localization.settings import override
 from track_localization.sim.train import (
     SCENARIOS,
     SimulatedRun,
@@ -38,48 +43,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.list:
-        print(_listing())
+        print(scenario_list(SCENARIOS))
         return 0
-    if args.output is None:
-        parser.error('--output DIR is missing')
-    if args.scenario not in SCENARIOS:
-        parser.error(f'unknown scenario {args.scenario!r}; known: {", ".join(SCENARIOS)}')
-    try:
-        config = override(scenario(args.scenario), dict(args.set))
-    except DataError as error:
-        parser.error(str(error))
+    config = simulation(parser, args, SCENARIOS, scenario)
     return guarded(lambda: run(args, config))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser; its epilog lists every setting."""
-    parser = argparse.ArgumentParser(
-        prog='simulate train',
-        description='Simulate a run: DIR/bag (mcap: imu/data_raw, gnss/fix, gnss/quality, '
+    parser = settings_parser(
+        'simulate train',
+        'Simulate a run: DIR/bag (mcap: imu/data_raw, gnss/fix, gnss/quality, '
         'wheel/twist, ground_truth/odometry, and initialpose where the start is told), track.csv, '
         'datum.yaml, run_info.yaml.',
-        epilog=f'settings:\n{settings_help(TrainSimConfig())}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        TrainSimConfig(),
     )
-    parser.add_argument('--seed', type=int, default=1, help='same seed, same bits (1)')
-    parser.add_argument('--scenario', default='line', help='what to simulate (line)')
-    parser.add_argument(
-        '--set',
-        type=assignment,
-        action='append',
-        default=[],
-        metavar='FIELD=VALUE',
-        help='change a setting; may be repeated',
-    )
-    parser.add_argument('--output', type=Path, metavar='DIR', help='where the files go')
-    parser.add_argument('--list', action='store_true', help='list scenarios, and end')
+    add_simulation(parser, 'line', 'scenarios')
     return parser
 
 
 def run(args: argparse.Namespace, config: TrainSimConfig) -> None:
     """Simulate as the arguments say and write everything."""
-    if args.seed < 0:
-        raise DataError(f'--seed {args.seed}: must not be negative')
     say(f'simulating {args.scenario}, seed {args.seed}')
     simulated = simulate_train(config, args.seed)
     write(
@@ -161,14 +145,6 @@ def _start_messages(topic: str, start: StartPose | None) -> Iterator[Message]:
 def _write_yaml(path: Path, content: dict[str, object] | dict[str, float]) -> None:
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     path.write_text(text, encoding='utf-8')
-
-
-def _listing() -> str:
-    scenarios = '\n'.join(
-        f'  {name:12} ' + (', '.join(f'{k}={v}' for k, v in changes.items()) or 'the defaults')
-        for name, changes in SCENARIOS.items()
-    )
-    return f'scenarios:\n{scenarios}'
 
 
 if __name__ == '__main__':

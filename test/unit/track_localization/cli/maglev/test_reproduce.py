@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from track_localization.cli.exam_runs import Run, Task, read_run, write_run
 from track_localization.cli.goals import Goal
 from track_localization.cli.maglev import reproduce, reproduce_tables
 from track_localization.cli.maglev.reproduce_goals import goals
@@ -14,10 +15,6 @@ from track_localization.cli.maglev.reproduce_runs import (
     LINE,
     MISSED,
     PAPER,
-    Run,
-    Task,
-    read_run,
-    write_run,
 )
 from track_localization.evaluation.tabulate import Table
 

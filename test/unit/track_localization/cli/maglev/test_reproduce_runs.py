@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
+from track_localization.cli.exam_runs import Task
 from track_localization.cli.maglev.reproduce_runs import (
     CASES,
     MISSED,
-    Task,
     figures,
     measurements,
     run_task,

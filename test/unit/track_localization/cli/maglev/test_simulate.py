@@ -165,6 +165,7 @@ def test_help_lists_every_setting(capsys):
         ['--output', 'x', '--set', 'motion.dwell_s=[1, 2, 3]'],
         ['--output', 'x', '--set', 'motion.profile=flying'],
         ['--output', 'x', '--seed', 'one'],
+        ['--output', 'x', '--seed', '-3'],
     ],
 )
 def test_wrong_usage_exits_with_2(args, tmp_path, monkeypatch):
@@ -179,7 +180,6 @@ def test_wrong_usage_exits_with_2(args, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('args', 'reason'),
     [
-        (['--seed', '-3'], 'negative'),
         (['--set', 'motion.dwell_s=[9, 3]'], 'lesser first'),
         (['--set', 'line.stops_m=0 9000'], 'line.length_m'),
         (['--set', 'balise.first_m=8000'], 'a line needs a balise'),

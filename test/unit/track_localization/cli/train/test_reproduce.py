@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from track_localization.cli.exam_runs import Run, Task, read_run, write_run
 from track_localization.cli.goals import Goal
 from track_localization.cli.train import reproduce, reproduce_runs, reproduce_tables
 from track_localization.cli.train.reproduce_goals import goals
@@ -13,13 +14,9 @@ from track_localization.cli.train.reproduce_runs import (
     CASES,
     ENTRIES,
     GROUPS,
-    Run,
-    Task,
     floor_of,
     measurements,
-    read_run,
     run_task,
-    write_run,
 )
 from track_localization.errors import DataError
 from track_localization.sim.train import scenario, simulate_train
