@@ -7,6 +7,8 @@ the same measurements into the same object in a loop, in the order in which they
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
@@ -169,16 +171,19 @@ def test_odometry_carried_on_to_the_clock_is_where_the_train_was_then(ros_module
     The node lives by /clock: a reading is 10 to 40 ms old when it comes, half a metre at 28 m/s.
 
     Replayed as fast as possible the clock may be ahead of the node by the window of 0.5 s, in which
-    a train that begins to brake is off by 0.1 m; the rest is the estimate's own 0.6 m.
+    a train that begins to brake is off by 0.1 m; the rest is the estimate's own 0.6 m. All of it is
+    in a namespace: the node of ``live`` may still run, and would publish its odometry as well.
     """
     ros, (simulated, _, files, bag) = ros_module, run
+    own_node = partial(MaglevFederatedPfNode, namespace='clocked')
+    own_replay = partial(SensorPublisherNode, namespace='clocked')
     settings = {'predict_to_now': True, 'use_sim_time': True}
-    node = ros.make(MaglevFederatedPfNode, MaglevPipeline, True, **files, **settings)
-    listener = ros.node('clock_listener')
+    node = ros.make(own_node, MaglevPipeline, True, **files, **settings)
+    listener = ros.node('clock_listener', namespace='clocked')
     ahead = ros.listen(listener, Odometry, 'odometry_now', 20_000)
     odometries = ros.listen(listener, Odometry, 'odometry', 20_000)
     settings = {'source': bag, 'rate': 0.0, 'publish_clock': True, 'start_offset': 100.0}
-    ros.run_replay(ros.make_apart(SensorPublisherNode, **settings))
+    ros.run_replay(ros.make_apart(own_replay, **settings))
     ros.settle(lambda: len(ahead) > 0.98 * len(odometries), 5.0)
     assert len(ahead) > 0.98 * len(odometries) > 1000
     now = np.array([seconds(msg.header.stamp) for msg in ahead])
