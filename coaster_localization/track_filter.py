@@ -248,6 +248,7 @@ class CoasterTrackFilter:
                 *(self.X, self.P, self._sums, self._driven, self._log_weight),
                 *(*self._table, *about, sigma, share, force_news),
             )
+            self._log_lost += force_news * line_bank.LOST_FORCE_LIKELIHOOD
             self._weigh(step.time_s, T, share)
 
     def _weigh_alone(self, time_s: float, T: float, share: float) -> None:

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 LOST_SIGMA = 0.15
 """How far the attitude is off, about each axis, where a hypothesis is wrong [rad]."""
+LOST_FORCE = 5.0
+"""How far the force across the line is off, along each axis, where one is wrong [m/s^2]."""
 LOST_RATE = 1e-4
 """Chance per second that a right hypothesis becomes wrong."""
 INDEPENDENT_S, INDEPENDENT_RAD = 0.6, 0.15
@@ -185,6 +187,8 @@ def force_likelihood(
 
 LOST_LIKELIHOOD = -1.5 * (1.0 + float(np.log(LOST_SIGMA**2)))
 """Log likelihood of a comparison with the line where no hypothesis is right."""
+LOST_FORCE_LIKELIHOOD = -(1.0 + float(np.log(LOST_FORCE**2)))
+"""The same of the force across the line."""
 
 
 def news(T: float, rate: float) -> float:
