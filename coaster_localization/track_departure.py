@@ -20,11 +20,11 @@ from coaster_localization.track_start import (
     at_rest,
     either,
     is_firm,
-    mount_of,
     sits_as_told,
     under_way,
 )
 from coaster_localization.track_states import TrackState
+from track_localization.estimation import line_filter as kernel
 from track_localization.estimation.imu import ImuSample
 from track_localization.track.line_map import LineMap
 
@@ -167,9 +167,13 @@ class Departure:
         """
         config, rest = self._config, self._known_rest
         M, bias = np.eye(3), (np.zeros(3), config.gyro_bias_sigma)
+        free = math.radians(config.mount_sigma_deg) ** 2 * np.eye(3)
         if rest is not None:
-            M, bias = mount_of(self._line, self.place[0], rest), (rest.rate, DRIFT)
-        free = math.radians(config.mount_sigma_deg)
+            # Gravity told then how the sensor is tilted.
+            place = (self._line, *self.place)
+            levelled = at_rest(*place, rest, config, leaves=True, likeliest=True)
+            M, bias = levelled.X[0, 11:20].reshape(3, 3), (rest.rate, DRIFT)
+            free = levelled.P[0, kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
         anywhere = under_way(self._line, self.place[0], M, bias, free, config)
         if loose is None:
             return anywhere

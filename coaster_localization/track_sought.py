@@ -44,12 +44,15 @@ def sought(
 ) -> Hypotheses:
     """Return where a train may be whose state (30,), (18, 18) proved wrong, or broke down."""
     if not (np.isfinite(x).all() and np.isfinite(P).all()):
-        free, bias = math.radians(config.mount_sigma_deg), (np.zeros(3), config.gyro_bias_sigma)
+        free = math.radians(config.mount_sigma_deg) ** 2 * np.eye(3)
+        bias = (np.zeros(3), config.gyro_bias_sigma)
         return under_way(line, start_m, np.eye(3), bias, free, config)
     mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
     sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)
     M = x[11:20].reshape(3, 3).copy()
-    found = under_way(line, start_m, M, (x[20:23].copy(), DOUBTED_BIAS), sigma, config)
+    found = under_way(
+        line, start_m, M, (x[20:23].copy(), DOUBTED_BIAS), sigma**2 * np.eye(3), config
+    )
     return not_far(found, x, P, line)
 
 
@@ -87,7 +90,8 @@ def slow_elsewhere(line: LineMap, rest: Rest, config: TrackFilterConfig) -> Hypo
         if tilted > MOUNT_SIGMAS * sigma:
             continue
         x, P = state(line, s, v, M, rest.rate, config)
-        set_mount(P, kernel.attitude_at(line.rows, line.step_m, line.closed, s), sigma, config)
+        R = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+        set_mount(P, R, sigma**2 * np.eye(3), config)
         set_place(P, line, s, 0.6 * PLACE_SPACING_M)
         P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
         P[8:11, 8:11] = DRIFT**2 * np.eye(3)

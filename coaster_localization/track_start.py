@@ -113,7 +113,7 @@ def at_rest(
             M = so3.exp(heading * up) @ M0
             x, P = state(line, s, 0.0, M, rest.rate, config)
             free = config.mount_sigma_deg if heading == 0.0 else 0.6 * HEADING_SPACING_DEG
-            set_mount(P, _attitude(line, s), math.radians(free), config)
+            set_mount(P, _attitude(line, s), math.radians(free) ** 2 * np.eye(3), config)
             set_place(P, line, s, place_sigma)
             P[1, 1] = speed_sigma**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
@@ -133,20 +133,20 @@ def under_way(
     start_m: float,
     M: Array,
     gyro_bias: tuple[Array, float],
-    mount_sigma: float,
+    mount: Array,
     config: TrackFilterConfig,
 ) -> Hypotheses:
     """
     Return hypotheses of a train met anywhere on the line, or just leaving the start.
 
-    ``M`` is the mount with its standard deviation [rad], ``gyro_bias`` the bias (3,) and its
-    standard deviation [rad/s].
+    ``M`` is the mount, ``mount`` (3, 3) its covariance in body axes [rad^2], ``gyro_bias`` the
+    bias (3,) and its standard deviation [rad/s].
     """
     found: list[tuple[Array, Array, float]] = []
     count = max(len(line.passes), 1)
     for s, v in [(start_m, 0.0), *line.passes.tolist()]:
         x, P = state(line, s, v, M, gyro_bias[0], config)
-        set_mount(P, _attitude(line, s), mount_sigma, config)
+        set_mount(P, _attitude(line, s), mount, config)
         set_place(P, line, s, 0.6 * PLACE_SPACING_M)
         P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
         P[8:11, 8:11] = gyro_bias[1] ** 2 * np.eye(3)
@@ -188,12 +188,16 @@ def state(
     return x, P
 
 
-def set_mount(P: Array, R: Array, free: float, config: TrackFilterConfig) -> None:
-    """The body has the line's attitude: what the mount is off, the sensor is off as well."""
+def set_mount(P: Array, R: Array, free: Array, config: TrackFilterConfig) -> None:
+    """
+    The body has the line's attitude ``R``: what the mount is off, the sensor is off as well.
+
+    ``free`` (3, 3) is the mount's covariance in body axes [rad^2].
+    """
     mount, tilt = slice(kernel.MOUNT, kernel.MOUNT + 3), slice(kernel.TILT, kernel.TILT + 3)
-    P[mount, mount] = free**2 * np.eye(3)
-    P[tilt, tilt] = (free**2 + config.attitude_sigma**2) * np.eye(3)
-    P[tilt, mount], P[mount, tilt] = free**2 * R, free**2 * R.T
+    P[mount, mount] = free
+    P[tilt, tilt] = R @ free @ R.T + config.attitude_sigma**2 * np.eye(3)
+    P[tilt, mount], P[mount, tilt] = R @ free, free @ R.T
 
 
 def set_place(P: Array, line: LineMap, s: float, sigma: float) -> None:

@@ -38,7 +38,7 @@ def test_a_place_in_a_bend_is_off_with_its_heading(line):
     changes it tells a little.
     """
     bias = (np.zeros(3), 0.006)
-    start = under_way(line, 0.0, np.eye(3), bias, math.radians(5.0), CONFIG)
+    start = under_way(line, 0.0, np.eye(3), bias, math.radians(5.0) ** 2 * np.eye(3), CONFIG)
     bend = np.linalg.norm(line.line.curvature(start.X[:, 0]), axis=1) > 0.03
     assert bend.sum() > 10
     settings = np.array([6.0, 9.0, 0.4, 25.0])
@@ -55,7 +55,7 @@ def test_a_place_in_a_bend_is_off_with_its_heading(line):
 def test_attitude_of_a_start_holds_where_the_train_may_be(line):
     """The attitude's covariance is that of the line's attitudes about the place."""
     bias = (np.zeros(3), 0.006)
-    start = under_way(line, 0.0, np.eye(3), bias, math.radians(1.0), CONFIG)
+    start = under_way(line, 0.0, np.eye(3), bias, math.radians(1.0) ** 2 * np.eye(3), CONFIG)
     rng = np.random.default_rng(3)
     k = int(np.argmax(np.linalg.norm(line.line.curvature(start.X[:, 0]), axis=1)))
     s, P = start.X[k, 0], start.P[k]
@@ -83,7 +83,7 @@ def test_a_sensor_that_is_tilted_may_be_turned_anyhow(line):
 
 def test_a_lost_train_is_near(line):
     bias = (np.zeros(3), 0.006)
-    found = under_way(line, 0.0, np.eye(3), bias, math.radians(5.0), CONFIG)
+    found = under_way(line, 0.0, np.eye(3), bias, math.radians(5.0) ** 2 * np.eye(3), CONFIG)
     k = len(found.X) // 2
     x, P = found.X[k].copy(), np.eye(kernel.ERRORS)
     x[0] += 8.0
@@ -108,6 +108,22 @@ def test_even_departure_at_the_recordings_begin_is_no_rest(seed):
     known = live.time_s <= ride.truth.time_s[-1]
     error = np.linalg.norm(live.position - ride.truth.position_at(live.time_s), axis=1)[known]
     assert error.mean() < 0.6
+
+
+@pytest.mark.parametrize('seed', [301, 304])
+def test_a_rest_after_the_ride_tells_the_tilt_of_a_sensor_met_under_way(seed):
+    """
+    A minute of even backing before the first bend: only a levelled force tells how fast.
+
+    With the mount free by 5 degrees the mean error of these rides is 14 and 33 m.
+    """
+    ride = simulate_coaster('shuttle', scenario('dwell0'), seed)
+    live = filter_ride(
+        ride.imu, line_map(ride.design, CONFIG), float(ride.design.chainage[0]), CONFIG
+    ).live()
+    known = live.time_s <= ride.truth.time_s[-1]
+    error = np.linalg.norm(live.position - ride.truth.position_at(live.time_s), axis=1)[known]
+    assert error.mean() < 2.0
 
 
 def test_a_sensor_put_in_backward_is_told_in_the_launch():
