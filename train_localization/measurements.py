@@ -55,7 +55,7 @@ class WheelSpeed(NamedTuple):
     Attributes:
         time_s: stamp [s].
         speed: mean over the interval since the one before [m/s].
-        variance: claimed by the sender [m^2/s^2].
+        variance: claimed by the sender [m^2/s^2]; 0 where it does not tell.
     """
 
     time_s: float

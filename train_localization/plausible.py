@@ -28,7 +28,7 @@ def problem(measurement: Measurement) -> str | None:
     if isinstance(measurement, WheelSpeed):
         if not math.isfinite(measurement.speed):
             return 'not_finite'
-        if not 0.0 < measurement.variance < math.inf:
+        if not 0.0 <= measurement.variance < math.inf:
             return 'bad_variance'
         return 'implausible' if abs(measurement.speed) > MAX_SPEED_MPS else None
     if isinstance(measurement, GnssQuality):

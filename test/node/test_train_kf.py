@@ -214,7 +214,7 @@ def skewed() -> NavSatFix:
         ('quality', quality(satellites_used='-3'), 'no_satellites'),
         ('wheel', wheel(frame='wheel'), 'wrong_frame'),
         ('wheel', wheel(v=math.inf), 'not_finite'),
-        ('wheel', wheel(variance=0.0), 'covariance_not_positive'),
+        ('wheel', wheel(variance=-1.0), 'covariance_not_positive'),
     ],
 )
 def test_a_bad_message_is_counted_and_goes_no_further(fake, sensor, msg, reason):
@@ -223,6 +223,13 @@ def test_a_bad_message_is_counted_and_goes_no_further(fake, sensor, msg, reason)
     assert node.filter.pushed == []
     stream = node.gnss if sensor == 'fix' else getattr(node, sensor)
     assert (dict(stream.rejected), stream.received) == ({reason: 1}, 1)
+
+
+def test_a_speed_whose_variance_is_not_told_is_used(fake):
+    node = fake()
+    node.on_wheel(wheel(v=3.0, variance=0.0))
+    assert [(m.speed, m.variance) for m in node.filter.pushed] == [(3.0, 0.0)]
+    assert not node.wheel.rejected
 
 
 def test_an_estimate_is_published_as_odometry_and_fix(ros, fake):

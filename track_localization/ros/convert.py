@@ -178,15 +178,22 @@ def balise(msg: PoseWithCovarianceStamped) -> tuple[str, float, float] | str:
     return read if isinstance(read, str) else (name, *read)
 
 
-def speed(msg: TwistWithCovarianceStamped, frame: str) -> tuple[float, float] | str:
-    """Return the forward speed [m/s] and its variance [m^2/s^2], or the reason why not."""
+def speed(
+    msg: TwistWithCovarianceStamped, frame: str, untold: bool = False
+) -> tuple[float, float] | str:
+    """
+    Return the forward speed [m/s] and its variance [m^2/s^2], or the reason why not.
+
+    With ``untold`` a variance of nought is one that the sender does not know, and no fault.
+    """
     problem = header_problem(msg.header, frame)
     if problem is not None:
         return problem
     v, variance = msg.twist.twist.linear.x, float(msg.twist.covariance[0])
     if not abs(v) < MAX_SPEED:
         return why_not((v,))
-    return variance_problem(variance) or (v, variance)
+    told = variance != 0.0 or not untold
+    return (variance_problem(variance) if told else None) or (v, variance)
 
 
 def variance_problem(variance: float) -> str | None:

@@ -119,7 +119,7 @@ class TrainKfNode(EstimatorNode):
     def on_wheel(self, msg: TwistWithCovarianceStamped) -> None:
         """Push one speed; publish the estimates that it makes possible."""
         begin = perf_counter()
-        read = convert.speed(msg, self.config.frame_base)
+        read = convert.speed(msg, self.config.frame_base, untold=True)
         if not isinstance(read, str):
             read = WheelSpeed(convert.seconds(msg.header.stamp), *read)
         self._push(self.wheel, read)

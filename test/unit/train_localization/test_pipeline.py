@@ -175,6 +175,11 @@ def test_fixes_without_covariance_are_used_with_an_assumed_one(run, stream):
     assert Outcome(run, bare).worst(20.0, 100.0) < 4.0
 
 
+def test_an_odometer_without_a_variance_is_used_with_that_of_the_settings(run, stream, plain):
+    bare = [m._replace(variance=0.0) if isinstance(m, WheelSpeed) else m for m in stream]
+    np.testing.assert_allclose(Outcome(run, bare).error, plain.error, atol=0.2)
+
+
 def test_stale_coordinates_of_a_receiver_without_a_fix_are_refused(run, stream):
     """In the outage the receiver repeats its last place, status no fix, quality not told."""
     last = [m for m in stream if isinstance(m, GnssFix) and m.valid and m.time_s < 1100.0][-1]
