@@ -12,6 +12,9 @@ STILL_AFTER_S, STILL_MPS, STILL_AGAIN_S = 1.0, 0.3, 0.2
 """A train whose count has not changed for so long, and whose radar reads less, stands; a filter is
 told so every so often."""
 
+STOOD_S = 3.0
+"""A crossing after so long is a departure; sooner it may be the last one of a train that brakes."""
+
 DEPARTURE_MPS2, DEPARTURE_LEAST_MPS2, UNSEEN_S = 1.5, 0.3, 5.0
 """How trains set out, the fastest and the slowest [m/s^2]; a longer silence is another matter."""
 
@@ -170,7 +173,7 @@ def hear(
     change = z.reading - memory.reading
     moved = pitch == 0.0 or abs(change) > 0.5 * pitch
     elapsed = z.time_s - memory.sampled_s
-    stood = z.time_s - memory.changed_s > STILL_AFTER_S and speed < SLOW_MPS
+    stood = z.time_s - memory.changed_s > STOOD_S and speed < SLOW_MPS
     departed = stood and moved and abs(change) < 1.5 * pitch
     spread = min(pitch, speed * elapsed) if moved else pitch
     memory = memory._replace(

@@ -194,6 +194,7 @@ def hear_radar(
     outlier: float,
     slip: float,
     slip_sigma: float,
+    least: float,
     unseen_m: float,
     unseen_mps: float,
     most: int,
@@ -203,16 +204,19 @@ def hear_radar(
     Weigh a radar speed [m/s] of variance ``R`` and update the radar's local filters.
 
     ``outlier`` is the share of readings that mean nothing, ``slip`` the probability that the scale
-    changed just now, by ``slip_sigma``. A train that stood may be as fast as ``unseen_mps`` by now
-    and anywhere up to ``unseen_m``; 0: it did not stand. Other arguments as for ``hear_loop``.
+    changed just now, by ``slip_sigma``. Of trains slower than ``least`` [m/s] a radar tells nothing
+    and reads up to that and more. A train that stood may be as fast as ``unseen_mps`` by now and
+    anywhere up to ``unseen_m``; 0: it did not stand. Other arguments as for ``hear_loop``.
     """
     room = 3 * len(log_w)
     weight, parent, kind = np.empty(room), np.empty(room, np.int64), np.empty(room, np.int64)
     PH, H = np.empty(SIZE), np.zeros(SIZE)
-    nothing = math.log(outlier / RANGE_MPS + NEVER)
+    unfounded = math.exp(log_normal(speed, (0.5 * least) ** 2)) if least > 0.0 else 0.0
     m = 0
     for i in range(len(log_w)):
         nu, spread = _radar_nu(x[i, 1], P[i, 1], speed, H, PH)
+        slow = 0.5 * math.erfc((abs(x[i, 1, V]) - least) / math.sqrt(2.0 * spread + NEVER))
+        nothing = math.log(outlier / RANGE_MPS + slow * unfounded + NEVER)
         plain = math.log(1.0 - outlier) + log_normal(nu, spread + R)
         best = max(plain, nothing)
         weight[m], parent[m], kind[m] = log_w[i] + best, i, PLAIN if plain > nothing else IGNORED

@@ -187,6 +187,7 @@ class RobustFilter:
                 radar.outlier_share,
                 radar.slip_per_s * max(elapsed, 0.0),
                 radar.slip_sigma,
+                radar.least_mps,
                 *state.memory.unseen(z, radar.least_mps),
                 self._config.particles,
                 uniform,

@@ -34,8 +34,9 @@ def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED)
     return hearing.hear_loop(*state, reading, R_LOOP, pitch, missed, EXTRA, burst, most, 0.5)
 
 
-def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4, unseen=(0.0, 0.0)):
-    return hearing.hear_radar(*state, speed, R_RADAR, outlier, slip, 0.03, *unseen, most, 0.5)
+def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4, unseen=(0.0, 0.0), least=0.0):
+    settings = (outlier, slip, 0.03, least)
+    return hearing.hear_radar(*state, speed, R_RADAR, *settings, *unseen, most, 0.5)
 
 
 def hear_balise(state, told, chainage, R=0.01, length=7000.0, most=100):
@@ -201,6 +202,19 @@ def test_a_train_that_stood_may_have_set_out():
         assert x[C] - MEAN[C] == pytest.approx(0.2 * sign, abs=0.01)
         assert x[V] == pytest.approx(0.72 * sign, abs=0.03)
         assert SHARE * P[C, C] - 0.05**2 == pytest.approx(0.4**2 / 12.0, rel=1e-6)
+
+
+@pytest.mark.parametrize('speed', [0.52, -0.6, 0.8])
+def test_a_radar_that_tells_no_slow_speeds_moves_no_train_that_stands(speed):
+    """Readings just above the least are what it reads there; of a running train they are speeds."""
+    sigma = [0.05, 0.02, 0.1, 0.1, 1e-4, 2e-3]
+    state, unseen = one(sigma=sigma, v=0.0), (math.copysign(0.4, speed), 0.5)
+    log_w, x, _, _, says = hear_radar(state, speed, unseen=unseen, least=0.5)
+    assert says == hearing.IGNORED
+    assert x[np.argmax(log_w), 1, V] == 0.0
+    assert np.exp(log_w).max() > 0.97
+    running = hear_radar(one(v=5.0, sigma=sigma), 5.02, unseen=unseen, least=0.5)
+    assert running[4] == hearing.PLAIN
 
 
 def test_an_outlier_is_no_departure_and_neither_is_a_running_train():
