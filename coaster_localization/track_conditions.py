@@ -35,7 +35,7 @@ def settings_of(config: TrackFilterConfig) -> Array:
 
 def process_noise(config: TrackFilterConfig, dt: float) -> Array:
     """
-    Return the process noise (6,) of ``line_filter.predict`` without what shaking adds.
+    Return the process noise (6,) of ``line_motion.predict`` without what shaking adds.
 
     ``dt`` is the latest step [s]; a long one was not measured.
     """

@@ -24,7 +24,7 @@ from coaster_localization.track_start import (
     under_way,
 )
 from coaster_localization.track_states import TrackState
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state
 from track_localization.estimation.imu import ImuSample
 from track_localization.track.line_map import LineMap
 
@@ -173,7 +173,8 @@ class Departure:
             place = (self._line, *self.place)
             levelled = at_rest(*place, rest, config, leaves=True, likeliest=True)
             M, bias = levelled.X[0, 11:20].reshape(3, 3), (rest.rate, DRIFT)
-            free = levelled.P[0, kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+            mount = slice(line_state.MOUNT, line_state.MOUNT + 3)
+            free = levelled.P[0, mount, mount]
         anywhere = under_way(self._line, self.place[0], M, bias, free, config)
         if loose is None:
             return anywhere

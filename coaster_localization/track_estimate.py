@@ -8,8 +8,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation import line_filter as kernel
-from track_localization.estimation import so3
+from track_localization.estimation import line_rows, line_state, so3
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.line_map import STRETCH, TANGENT, LineMap
 
@@ -104,8 +103,8 @@ class TrackEstimate:
         else:
             out[0:3, 0:3] = self.P[0, 0] * self._stretch**2 * np.outer(tangent, tangent)
         out[0:3, 0:3] += self.line_sigma**2 * np.eye(3)
-        tilt = slice(kernel.TILT, kernel.TILT + 3)
-        mount = slice(kernel.MOUNT, kernel.MOUNT + 3)
+        tilt = slice(line_state.TILT, line_state.TILT + 3)
+        mount = slice(line_state.MOUNT, line_state.MOUNT + 3)
         R = self.R_nb
         cross = self.P[tilt, mount] @ R.T
         out[3:6, 3:6] = self.P[tilt, tilt] + R @ self.P[mount, mount] @ R.T - cross - cross.T
@@ -117,14 +116,16 @@ class TrackEstimate:
         out = np.zeros((6, 6))
         t = self._tangent
         out[0:3, 0:3] = self.P[1, 1] * self._stretch**2 * np.outer(t, t) + 1e-4 * np.eye(3)
-        bias = slice(kernel.GYRO_BIAS, kernel.GYRO_BIAS + 3)
+        bias = slice(line_state.GYRO_BIAS, line_state.GYRO_BIAS + 3)
         M = self.x[11:20].reshape(3, 3)
         out[3:6, 3:6] = M @ self.P[bias, bias] @ M.T + 1e-4 * np.eye(3)
         return out
 
     @property
     def _row(self) -> tuple[int, float]:
-        return kernel.row_of(self.line.rows, self.line.step_m, self.line.closed, float(self.x[0]))
+        return line_rows.row_of(
+            self.line.rows, self.line.step_m, self.line.closed, float(self.x[0])
+        )
 
     @property
     def _tangent(self) -> Array:

@@ -2,7 +2,7 @@
 The track filter: where a coaster train is on its line, live, from one IMU.
 
 The vehicle is on a known line, so its position is one number. See
-``track_localization.estimation.line_filter`` for the method and ``line_bank`` for the doubtful
+``track_localization.estimation.line_state`` for the method and ``line_bank`` for the doubtful
 cases; here is what a coaster adds: the start in the station, standstill, gaps and clocks.
 """
 
@@ -22,8 +22,7 @@ from coaster_localization.track_mixture import figures, mixture, opened
 from coaster_localization.track_sought import sought
 from coaster_localization.track_start import Hypotheses, placed
 from coaster_localization.track_states import Doubt, Epoch, Origin, TrackState
-from track_localization.estimation import line_bank
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_bank, line_motion
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.imu import ImuSample
 from track_localization.estimation.imu_monitor import ClockGuard, ImuMonitor, ImuStep
@@ -178,7 +177,7 @@ class CoasterTrackFilter:
             for x, P in zip(self.X, self.P, strict=True)
         ]
         count = len(self.X)
-        self._sums, self._driven = np.zeros((count, kernel.SUMS)), np.zeros((count, 1))
+        self._sums, self._driven = np.zeros((count, line_motion.SUMS)), np.zeros((count, 1))
         self._log_lost = math.log(1e-4)
         self._told = np.zeros(3)
         self._way = 0.0

@@ -14,7 +14,7 @@ from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
 from coaster_localization.track_smoothing import FixedLag
 from coaster_localization.track_states import Epoch
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state
 from track_localization.estimation.imu import ImuSample
 from track_localization.track.design_ride import DesignRide
 
@@ -209,7 +209,7 @@ class LiveTrackFilter:
         self, time_s: float, x: Array, P: Array, rate: Array, lost: float = 0.0
     ) -> TrackEstimate:
         """Return the estimate of a state whose sensor turned at ``rate`` (3,) [rad/s]."""
-        scale, bias = kernel.X_GYRO_SCALE, kernel.X_GYRO_BIAS
+        scale, bias = line_state.X_GYRO_SCALE, line_state.X_GYRO_BIAS
         turning = (1.0 - x[scale : scale + 3]) * rate - x[bias : bias + 3]
-        body = x[kernel.X_MOUNT : kernel.X_MOUNT + 9].reshape(3, 3) @ turning
+        body = x[line_state.X_MOUNT : line_state.X_MOUNT + 9].reshape(3, 3) @ turning
         return TrackEstimate(time_s, x, P, self.line, body, self.config.line_sigma_m, lost)

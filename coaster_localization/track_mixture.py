@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def opened(P: Array, lost: float, length: float) -> Array:
 def figures(x: Array, P: Array, nis: Array, lost: float, count: int) -> dict[str, float | str]:
     """Return what a health report tells of the heaviest of ``count`` hypotheses."""
     status = 'running' if count == 1 else 'place in doubt'
-    mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+    mount = P[line_state.MOUNT : line_state.MOUNT + 3, line_state.MOUNT : line_state.MOUNT + 3]
     return {
         'status': 'lost' if lost > 0.5 else status,
         'lost_probability': lost,

@@ -16,7 +16,7 @@ from coaster_localization.track_smoothing import FixedLag, smooth_epochs
 from coaster_localization.track_start import is_firm
 from coaster_localization.track_states import Doubt, Epoch, TrackState
 from track_localization.errors import DataError
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.line_map import LineMap
@@ -124,8 +124,8 @@ def filter_ride(
             'track filter: the train is not found on its track; record the ride from the rest in '
             'the station on, and check that the design ride is of this track'
         )
-    mount = epochs[-1].P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
-    sigma = float(np.sqrt(np.trace(mount) / 3.0))
+    mount = slice(line_state.MOUNT, line_state.MOUNT + 3)
+    sigma = float(np.sqrt(np.trace(epochs[-1].P[mount, mount]) / 3.0))
     return FilteredRide(
         line,
         config,

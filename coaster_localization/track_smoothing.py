@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.track_states import Epoch
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state
 from track_localization.estimation.smoother import gain
 
 Array = NDArray[np.float64]
@@ -23,8 +23,8 @@ def smooth_epochs(epochs: Sequence[Epoch]) -> tuple[Array, Array]:
     Rauch-Tung-Striebel, from the last epoch's own estimate back.
     """
     n = len(epochs)
-    x = np.array([e.x for e in epochs]).reshape(n, kernel.NOMINAL)
-    P = np.array([e.P for e in epochs]).reshape(n, kernel.ERRORS, kernel.ERRORS)
+    x = np.array([e.x for e in epochs]).reshape(n, line_state.NOMINAL)
+    P = np.array([e.P for e in epochs]).reshape(n, line_state.ERRORS, line_state.ERRORS)
     for k in range(n - 2, -1, -1):
         after = epochs[k + 1]
         _backward(x[k], P[k], after.x_before, after.P_before, after.F, x[k + 1], P[k + 1])
@@ -39,7 +39,7 @@ def _backward(
     G = gain(P, P_before, F)
     new = P + G @ (P_next - P_before) @ np.ascontiguousarray(G.T)
     P[:, :] = 0.5 * (new + new.T)
-    kernel.add_error(x, G @ kernel.difference(x_next, x_before))
+    line_state.add_error(x, G @ line_state.difference(x_next, x_before))
 
 
 class FixedLag:

@@ -24,8 +24,7 @@ from coaster_localization.track_start import (
     state,
     under_way,
 )
-from track_localization.estimation import line_filter as kernel
-from track_localization.estimation import so3
+from track_localization.estimation import line_rows, line_state, line_updates, so3
 from track_localization.track.line_map import LineMap
 
 Array = NDArray[np.float64]
@@ -47,7 +46,7 @@ def sought(
         free = math.radians(config.mount_sigma_deg) ** 2 * np.eye(3)
         bias = (np.zeros(3), config.gyro_bias_sigma)
         return under_way(line, start_m, np.eye(3), bias, free, config)
-    mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+    mount = P[line_state.MOUNT : line_state.MOUNT + 3, line_state.MOUNT : line_state.MOUNT + 3]
     sigma = math.hypot(math.sqrt(float(np.trace(mount)) / 3.0), DOUBTED_MOUNT)
     M = x[11:20].reshape(3, 3).copy()
     found = under_way(
@@ -90,11 +89,11 @@ def slow_elsewhere(line: LineMap, rest: Rest, config: TrackFilterConfig) -> Hypo
         if tilted > MOUNT_SIGMAS * sigma:
             continue
         x, P = state(line, s, v, M, rest.rate, config)
-        R = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+        R = line_rows.attitude_at(line.rows, line.step_m, line.closed, s)
         set_mount(P, R, sigma**2 * np.eye(3), config)
         set_place(P, line, s, 0.6 * PLACE_SPACING_M)
         P[1, 1] = (PACE * v) ** 2 + MET_MPS**2
         P[8:11, 8:11] = DRIFT**2 * np.eye(3)
-        kernel.level(x, P, rest.force, LOOSE_REST[0])
+        line_updates.level(x, P, rest.force, LOOSE_REST[0])
         found.append((x, P, -0.5 * (tilted / sigma) ** 2))
     return stack(found) if found else None

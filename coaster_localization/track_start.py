@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from coaster_localization.sensed import shortest_turn
 from coaster_localization.start import Rest
 from coaster_localization.track_config import TrackFilterConfig
-from track_localization.estimation import line_filter as kernel
-from track_localization.estimation import so3
+from track_localization.estimation import line_rows, line_state, line_updates, so3
 from track_localization.track.line_map import TURNING, LineMap
 
 Array = NDArray[np.float64]
@@ -57,7 +56,7 @@ class Hypotheses(NamedTuple):
 
 def mount_of(line: LineMap, s: float, rest: Rest) -> Array:
     """Return the sensor-to-body rotation (3, 3) by the least turn that gravity at rest allows."""
-    R = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+    R = line_rows.attitude_at(line.rows, line.step_m, line.closed, s)
     return shortest_turn(rest.force, R[2])
 
 
@@ -117,7 +116,7 @@ def at_rest(
             set_place(P, line, s, place_sigma)
             P[1, 1] = speed_sigma**2
             P[8:11, 8:11] = bias_sigma**2 * np.eye(3)
-            kernel.level(x, P, rest.force, level_sigma)
+            line_updates.level(x, P, rest.force, level_sigma)
             weight = -0.5 * (offset / sigma_m) ** 2
             if heading != 0.0:
                 weight += math.log(turned)
@@ -176,7 +175,7 @@ def state(
     line: LineMap, s: float, v: float, M: Array, gyro_bias: Array, config: TrackFilterConfig
 ) -> tuple[Array, Array]:
     """Return state and covariance of a body that has the line's attitude at ``s``."""
-    x, P = np.zeros(kernel.NOMINAL), np.zeros((kernel.ERRORS, kernel.ERRORS))
+    x, P = np.zeros(line_state.NOMINAL), np.zeros((line_state.ERRORS, line_state.ERRORS))
     x[0], x[1] = s, v
     x[2:11], x[11:20] = (_attitude(line, s) @ M).ravel(), M.ravel()
     x[20:23] = gyro_bias
@@ -194,7 +193,8 @@ def set_mount(P: Array, R: Array, free: Array, config: TrackFilterConfig) -> Non
 
     ``free`` (3, 3) is the mount's covariance in body axes [rad^2].
     """
-    mount, tilt = slice(kernel.MOUNT, kernel.MOUNT + 3), slice(kernel.TILT, kernel.TILT + 3)
+    mount = slice(line_state.MOUNT, line_state.MOUNT + 3)
+    tilt = slice(line_state.TILT, line_state.TILT + 3)
     P[mount, mount] = free
     P[tilt, tilt] = R @ free @ R.T + config.attitude_sigma**2 * np.eye(3)
     P[tilt, mount], P[mount, tilt] = R @ free, free @ R.T
@@ -206,15 +206,15 @@ def set_place(P: Array, line: LineMap, s: float, sigma: float) -> None:
 
     To be called once, with no doubt of the chainage in ``P`` (18, 18) yet.
     """
-    i, _ = kernel.row_of(line.rows, line.step_m, line.closed, s)
-    g = np.zeros(kernel.ERRORS)
-    g[kernel.S] = 1.0
-    g[kernel.TILT : kernel.TILT + 3] = _attitude(line, s) @ line.rows[i, TURNING]
+    i, _ = line_rows.row_of(line.rows, line.step_m, line.closed, s)
+    g = np.zeros(line_state.ERRORS)
+    g[line_state.S] = 1.0
+    g[line_state.TILT : line_state.TILT + 3] = _attitude(line, s) @ line.rows[i, TURNING]
     P += sigma**2 * np.outer(g, g)
 
 
 def _attitude(line: LineMap, s: float) -> Array:
-    R: Array = kernel.attitude_at(line.rows, line.step_m, line.closed, s)
+    R: Array = line_rows.attitude_at(line.rows, line.step_m, line.closed, s)
     return R
 
 
@@ -226,9 +226,9 @@ def placed(
     R = _attitude(line, place[0])
     x[0], x[2:11] = place[0], (R @ x[11:20].reshape(3, 3)).ravel()
     P[0, :], P[:, 0] = 0.0, 0.0
-    turned = slice(kernel.TILT, kernel.TILT + 3)
+    turned = slice(line_state.TILT, line_state.TILT + 3)
     P[turned, :], P[:, turned] = 0.0, 0.0
-    mount = P[kernel.MOUNT : kernel.MOUNT + 3, kernel.MOUNT : kernel.MOUNT + 3]
+    mount = P[line_state.MOUNT : line_state.MOUNT + 3, line_state.MOUNT : line_state.MOUNT + 3]
     P[turned, turned] = R @ mount @ R.T + config.attitude_sigma**2 * np.eye(3)
     set_place(P, line, *place)
     return Hypotheses(x[None], P[None], np.zeros(1))

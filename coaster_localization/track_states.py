@@ -37,7 +37,7 @@ class TrackState(NamedTuple):
 
     Attributes:
         time_s: [s].
-        x: (30,) nominal state, see ``line_filter``.
+        x: (30,) nominal state, see ``line_state``.
         P: (18, 18) of the latest epoch.
         lost: probability that the vehicle is somewhere else altogether.
     """

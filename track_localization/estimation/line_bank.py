@@ -12,7 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_motion, line_rows, line_state, line_updates
 
 Array = NDArray[np.float64]
 
@@ -34,9 +34,9 @@ STILL_ACCEL = 0.1
 def advance_all(
     X: Array, sums: Array, f: Array, w: Array, dt: float, rows: Array, step: float, closed: bool
 ) -> None:
-    """Move every hypothesis by one IMU step; see ``line_filter.advance``."""
+    """Move every hypothesis by one IMU step; see ``line_motion.advance``."""
     for h in range(len(X)):
-        kernel.advance(X[h], sums[h], f, w, dt, rows, step, closed)
+        line_motion.advance(X[h], sums[h], f, w, dt, rows, step, closed)
 
 
 @numba.njit(cache=True)
@@ -64,42 +64,43 @@ def close_epoch(
     [m/s^2]. ``noise`` (6,): of ``predict``; what the shake adds is added here. ``mean`` (6,):
     running means of force and rate. ``shake`` (7,): variances above 4 Hz of force and rate,
     standard deviation of the rate. ``quiet``: the sensor shakes no more than at rest;
-    ``level_due``: a standstill may be levelled by. The rest is as in ``line_filter``.
+    ``level_due``: a standstill may be levelled by. The rest is as in ``line_motion`` and
+    ``line_updates``.
 
     Return F, the prediction (x, P), the log likelihood, and whether it stands.
     """
-    T = max(sums[kernel.SUM_TIME], 1e-6)
+    T = max(sums[line_motion.SUM_TIME], 1e-6)
     M = x[11:20].copy().reshape((3, 3))
-    force = M @ (sums[kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / T - x[26:29])
+    force = M @ (sums[line_motion.SUM_FORCE : line_motion.SUM_FORCE + 3] / T - x[26:29])
     own = noise.copy()
     along = M[0, 0] ** 2 * shake[0] + M[0, 1] ** 2 * shake[1] + M[0, 2] ** 2 * shake[2]
     own[0] += max(settings[9] ** 2, settings[7] ** 2 * along) / 100.0
     own[1] += settings[8] ** 2 * (shake[3] + shake[4] + shake[5]) / 300.0
-    F = kernel.predict(x, P, sums, own, rows, step, closed)
+    F = line_motion.predict(x, P, sums, own, rows, step, closed)
     still = False
     if quiet and abs(x[1]) < 0.3 + 2.0 * np.sqrt(P[1, 1]):
         b = M @ (mean[0:3] - x[26:29])
-        pull = kernel.acceleration(rows, step, closed, x[0], 0.0, b[0], b[1], b[2])
+        pull = line_rows.acceleration(rows, step, closed, x[0], 0.0, b[0], b[1], b[2])
         still = abs(pull) < STILL_ACCEL
     follows = still
     if still:
         driven[0] = 0.0
     else:
         strongest = np.sqrt(max(shake[0], shake[1], shake[2]))
-        follows = kernel.follow_drive(x, P, F, T, rows, step, closed, driven, force, strongest)
+        follows = line_motion.follow_drive(x, P, F, T, rows, step, closed, driven, force, strongest)
     x_before, P_before = x.copy(), P.copy()
     if still:
-        likelihood = kernel.match_attitude(
+        likelihood = line_updates.match_attitude(
             x.copy(), P.copy(), T, rows, step, closed, settings[0:4], nis
         )
-        kernel.hold(x, P, settings[6])
+        line_updates.hold(x, P, settings[6])
         if level_due:
-            kernel.level(x, P, mean[0:3], 0.02)
-            kernel.still_gyro(x, P, mean[3:6], max(0.3 * shake[6], 2e-4))
+            line_updates.level(x, P, mean[0:3], 0.02)
+            line_updates.still_gyro(x, P, mean[3:6], max(0.3 * shake[6], 2e-4))
     else:
-        likelihood = kernel.match_attitude(x, P, T, rows, step, closed, settings[0:4], nis)
+        likelihood = line_updates.match_attitude(x, P, T, rows, step, closed, settings[0:4], nis)
     if not follows:
-        kernel.match_speed(x, P, T, rows, step, closed, settings[4:6])
+        line_updates.match_speed(x, P, T, rows, step, closed, settings[4:6])
     return F, x_before, P_before, likelihood, still
 
 
@@ -133,8 +134,8 @@ def close_all(
     nis = np.zeros(3)
     for h in range(len(X)):
         x = X[h]
-        T = max(sums[h, kernel.SUM_TIME], 1e-6)
-        f = sums[h, kernel.SUM_FORCE : kernel.SUM_FORCE + 3] / T - x[26:29]
+        T = max(sums[h, line_motion.SUM_TIME], 1e-6)
+        f = sums[h, line_motion.SUM_FORCE : line_motion.SUM_FORCE + 3] / T - x[26:29]
         f = x[11:20].copy().reshape((3, 3)) @ f
         _, _, _, likelihood, _ = close_epoch(
             x,
@@ -165,7 +166,7 @@ def force_likelihood(
 
     It weighs hypotheses and moves none: its errors (sway, map) last too long to fuse.
     """
-    i, _ = kernel.row_of(rows, step, closed, x[0])
+    i, _ = line_rows.row_of(rows, step, closed, x[0])
     row = rows[i]
     turn, t = row[9:12], row[12:15]
     v = x[1] * row[15]
@@ -174,7 +175,7 @@ def force_likelihood(
     across[0] = (turn[2] * t[0] - turn[0] * t[2]) * v * x[1] + row[7] * 9.80665
     across[1] = (turn[0] * t[1] - turn[1] * t[0]) * v * x[1] + row[8] * 9.80665
     bend = np.array([abs(turn[2]) + abs(turn[0]), abs(turn[1]) + abs(turn[0])])
-    j, _ = kernel.row_of(rows, step, closed, x[0] + 2.0)
+    j, _ = line_rows.row_of(rows, step, closed, x[0] + 2.0)
     out = 0.0
     for k in range(2):
         ahead = abs(rows[j, 7 + k] - row[7 + k]) * 4.9 * np.sqrt(P[0, 0])
@@ -206,7 +207,7 @@ def turning(X: Array, weight: Array, rows: Array, step: float, closed: bool) -> 
     """Return how fast the line turns under the hypotheses [rad/s], by ``weight`` (H,)."""
     total = 0.0
     for h in range(len(X)):
-        i, _ = kernel.row_of(rows, step, closed, X[h, 0])
+        i, _ = line_rows.row_of(rows, step, closed, X[h, 0])
         bend = np.sqrt(rows[i, 9] ** 2 + rows[i, 10] ** 2 + rows[i, 11] ** 2)
         total += weight[h] * bend * abs(X[h, 1])
     return total
@@ -254,12 +255,12 @@ def merge(X: Array, P: Array, log_weight: Array, least: float, lap_m: float) -> 
 @numba.njit(cache=True)
 def _unite(x: Array, P: Array, x_other: Array, P_other: Array, share: float, lap_m: float) -> None:
     """Give a hypothesis the moments of itself and of ``share`` of another one, in place."""
-    d = kernel.difference(x_other, x)
+    d = line_state.difference(x_other, x)
     if np.isfinite(lap_m):
         d[0] -= lap_m * np.rint(d[0] / lap_m)
     P *= 1.0 - share
     P += share * P_other
-    for r in range(kernel.ERRORS):
-        for c in range(kernel.ERRORS):
+    for r in range(line_state.ERRORS):
+        for c in range(line_state.ERRORS):
             P[r, c] += share * (1.0 - share) * d[r] * d[c]
-    kernel.add_error(x, share * d)
+    line_state.add_error(x, share * d)

@@ -8,7 +8,7 @@ from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
 from track_localization.estimation.imu import clean
 from track_localization.estimation.line_bank import merge
-from track_localization.estimation.line_filter import ERRORS, NOMINAL
+from track_localization.estimation.line_state import ERRORS, NOMINAL
 from track_localization.sim.coaster import scenario, simulate_coaster
 
 CONFIG = TrackFilterConfig()

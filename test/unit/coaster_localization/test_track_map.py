@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_map import line_map, passes, regime_changes
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_rows
 from track_localization.sim.coaster.simulate import built_in_model
 from track_localization.track import line_map as columns
 from track_localization.track.centreline import Centreline
@@ -51,10 +51,10 @@ def test_line_of_a_design_ride_is_the_seats_path(name):
     assert inside.mean() > 0.97
     for k in np.flatnonzero(inside)[::331]:
         s = float(design.chainage[k])
-        i, share = kernel.row_of(table.rows, table.step_m, table.closed, s)
+        i, share = line_rows.row_of(table.rows, table.step_m, table.closed, s)
         place = (1.0 - share) * table.position[i] + share * table.position[i + 1]
         assert np.linalg.norm(place - design.position[k]) < 0.01
-        R = kernel.attitude_at(table.rows, table.step_m, table.closed, s)
+        R = line_rows.attitude_at(table.rows, table.step_m, table.closed, s)
         off = Rotation.from_matrix(R).inv() * Rotation.from_quat(design.quaternion[k])
         assert off.magnitude() < 2e-3
     assert (table.rows[:, columns.SIGMA] == CONFIG.attitude_sigma).all()
@@ -70,7 +70,7 @@ def test_force_of_the_design_ride_moves_a_vehicle_as_designed():
     smooth = np.abs(np.gradient(wanted, design.time_s)) < 10.0
     rows = np.flatnonzero(smooth & (rate > 1.0))[::40]
     got = [
-        kernel.acceleration(
+        line_rows.acceleration(
             table.rows,
             *(table.step_m, table.closed, design.chainage[k], rate[k]),
             *design.specific_force[k],

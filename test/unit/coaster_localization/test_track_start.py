@@ -13,7 +13,7 @@ from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import filter_ride
 from coaster_localization.track_sought import not_far
 from coaster_localization.track_start import Hypotheses, at_rest, under_way
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_state, line_updates
 from track_localization.sim.coaster import scenario, simulate_coaster
 from track_localization.sim.coaster.simulate import built_in_model
 
@@ -46,7 +46,7 @@ def test_a_place_in_a_bend_is_off_with_its_heading(line):
     for x, P in zip(start.X[bend], start.P[bend], strict=True):
         before = P[0, 0]
         table = (line.rows, line.step_m, line.closed)
-        kernel.match_attitude(x, P, 0.05, *table, settings, np.zeros(3))
+        line_updates.match_attitude(x, P, 0.05, *table, settings, np.zeros(3))
         left.append(P[0, 0] / before)
     assert np.median(left) > 0.7
     assert min(left) > 0.1
@@ -85,7 +85,7 @@ def test_a_lost_train_is_near(line):
     bias = (np.zeros(3), 0.006)
     found = under_way(line, 0.0, np.eye(3), bias, math.radians(5.0) ** 2 * np.eye(3), CONFIG)
     k = len(found.X) // 2
-    x, P = found.X[k].copy(), np.eye(kernel.ERRORS)
+    x, P = found.X[k].copy(), np.eye(line_state.ERRORS)
     x[0] += 8.0
     weighed = not_far(found, x, P, line)
     assert isinstance(weighed, Hypotheses)

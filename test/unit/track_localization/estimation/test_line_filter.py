@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_motion, line_rows, line_state, line_updates
 from track_localization.track import line_map
 from track_localization.track.centreline import Centreline
 from track_localization.track.line_map import LineMap
@@ -133,11 +133,11 @@ def test_add_error_and_difference_follow_their_definition(rng, table):
     x = state(rng, table)
     e = rng.normal(size=18) * np.repeat([1.0, 0.3, 1.0], [2, 6, 10])
     moved = x.copy()
-    kernel.add_error(moved, e)
+    line_state.add_error(moved, e)
     np.testing.assert_allclose(moved, plus(x, e), atol=1e-12)
-    np.testing.assert_allclose(kernel.difference(moved, x), e, atol=1e-12)
+    np.testing.assert_allclose(line_state.difference(moved, x), e, atol=1e-12)
     back = moved.copy()
-    kernel.add_error(back, kernel.difference(x, moved))
+    line_state.add_error(back, line_state.difference(x, moved))
     np.testing.assert_allclose(back, x, atol=1e-12)
 
 
@@ -154,9 +154,9 @@ def samples(rng, table, x):
 
 
 def integrate(x, f, w, table):
-    x, sums = x.copy(), np.zeros(kernel.SUMS)
+    x, sums = x.copy(), np.zeros(line_motion.SUMS)
     for i in range(SAMPLES):
-        kernel.advance(x, sums, f[i], w[i], 1.0 / RATE_HZ, *args(table))
+        line_motion.advance(x, sums, f[i], w[i], 1.0 / RATE_HZ, *args(table))
     return x, sums
 
 
@@ -174,7 +174,7 @@ def test_transition_is_the_derivative_of_the_integration(rng, table, s):
     reference, sums = integrate(x, f, w, table)
     T = SAMPLES / RATE_HZ
     P = covariance(rng)
-    F = kernel.predict(reference.copy(), P, sums, np.zeros(6), *args(table))
+    F = line_motion.predict(reference.copy(), P, sums, np.zeros(6), *args(table))
 
     def predicted(start):
         return minus(integrate(start, f, w, table)[0], reference)
@@ -205,7 +205,7 @@ def test_covariance_prediction_is_f_p_f_plus_q(rng, table):
     noise = np.array([0.3, 2e-3, 1e-4, 4e-3, 5e-5, 0.08])
     T = SAMPLES / RATE_HZ
     got, before = P.copy(), x[29]
-    F = kernel.predict(x, got, sums, noise, *args(table))
+    F = line_motion.predict(x, got, sums, noise, *args(table))
     Q = np.zeros((18, 18))
     Q[0:2, 0:2] = noise[0] * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
     rates = {2: noise[1], 5: noise[4], 8: noise[2], 11: 0.0, 14: noise[3]}
@@ -221,7 +221,7 @@ def test_covariance_prediction_is_f_p_f_plus_q(rng, table):
 def test_nothing_happens_over_no_time(rng, table):
     x, P = state(rng, table), covariance(rng)
     x_before, P_before = x.copy(), P.copy()
-    F = kernel.predict(x, P, np.zeros(kernel.SUMS), np.ones(6), *args(table))
+    F = line_motion.predict(x, P, np.zeros(line_motion.SUMS), np.ones(6), *args(table))
     np.testing.assert_array_equal(F, np.eye(18))
     np.testing.assert_array_equal(x, x_before)
     np.testing.assert_array_equal(P, P_before)
@@ -241,7 +241,7 @@ def test_white_noise_spreads_as_the_covariance_says(rng, table):
     spread = np.cov(np.array(ends).T)
     reference, sums = integrate(x, f, w, table)
     P = np.zeros((18, 18))
-    kernel.predict(reference, P, sums, np.array([density, 0, 0, 0, 0, 0]), *args(table))
+    line_motion.predict(reference, P, sums, np.array([density, 0, 0, 0, 0, 0]), *args(table))
     np.testing.assert_allclose(spread, P[0:2, 0:2], rtol=0.15)
 
 
@@ -255,7 +255,7 @@ def test_correct_is_the_joint_update(rng, table):
     R = rng.uniform(0.5, 3.0, 5)
     nu = rng.normal(size=5) * 2.0
     expected = textbook(x, P, nu, H, np.diag(R))
-    kernel.correct(x, P, nu, H, R)
+    line_state.correct(x, P, nu, H, R)
     assert_same_belief((x, P), expected, 1e-4)
     np.testing.assert_allclose(P, P.T, atol=1e-18)
 
@@ -269,7 +269,7 @@ def test_large_correction_turns_the_covariance_with_the_attitude(rng, table):
     H[0, 2], H[1, 6] = 1.0, 1.0
     R, nu = np.array([0.01, 0.02]), np.array([0.2, -0.15])
     expected = textbook(x, P, nu, H, np.diag(R))
-    kernel.correct(x, P, nu, H, R)
+    line_state.correct(x, P, nu, H, R)
     # Second order: 0.2^2 / 24; without the reset parts are off by 0.1.
     assert_same_belief((x, P), expected, 6e-3)
 
@@ -277,7 +277,7 @@ def test_large_correction_turns_the_covariance_with_the_attitude(rng, table):
 def test_repeated_exact_measurements_leave_a_covariance(rng, table):
     x, P = state(rng, table), covariance(rng)
     for _ in range(50):
-        kernel.correct(x, P, rng.normal(size=6) * 1e-6, np.eye(18)[2:8], np.full(6, 1e-14))
+        line_state.correct(x, P, rng.normal(size=6) * 1e-6, np.eye(18)[2:8], np.full(6, 1e-14))
     np.testing.assert_allclose(P, P.T, atol=1e-18)
     d = 1.0 / SCALES
     assert np.linalg.eigvalsh(P * np.outer(d, d))[0] > -1e-10
@@ -301,7 +301,7 @@ def test_attitude_match_is_the_textbook_update(rng, table, v):
     R = SIGMA**2 * max(1.0, 6.0 / (abs(v) * T)) * np.eye(3)
     expected = textbook(x, P, -r, H, R)
     nis = np.zeros(3)
-    kernel.match_attitude(x, P, T, *args(table), SETTINGS, nis)
+    line_updates.match_attitude(x, P, T, *args(table), SETTINGS, nis)
     assert_same_belief((x, P), expected)
     assert (nis > 0.0).all()
     assert (nis < 9.0).all()
@@ -313,7 +313,7 @@ def test_nis_of_each_axis_is_its_squared_innovation(rng, table):
     own = np.diag(H @ P @ H.T) + SIGMA**2 * 6.0 / (15.0 * 0.05)
     expected = line_residual(x, table) ** 2 / own
     nis = np.zeros(3)
-    kernel.match_attitude(x, P, 0.05, *args(table), SETTINGS, nis)
+    line_updates.match_attitude(x, P, 0.05, *args(table), SETTINGS, nis)
     np.testing.assert_allclose(nis, expected, rtol=5e-3)
 
 
@@ -329,12 +329,12 @@ def test_soft_gate_weighs_an_outlier_down_to_the_gate(rng, table):
     R = np.maximum(own * r**2 / own / 9.0, own) - np.diag(H @ P @ H.T)
     assert R.max() > 0.003
     expected = textbook(x, P, -r, H, np.diag(R))
-    kernel.match_attitude(x, P, 0.05, *args(table), SETTINGS, nis)
+    line_updates.match_attitude(x, P, 0.05, *args(table), SETTINGS, nis)
     assert nis.max() > 30.0
     assert_same_belief((x, P), expected, 0.02)
     open_gate = SETTINGS.copy()
     open_gate[1] = 1e6
-    kernel.match_attitude(*free, 0.05, *args(table), open_gate, nis)
+    line_updates.match_attitude(*free, 0.05, *args(table), open_gate, nis)
     moved = minus(x, free[0])
     assert np.abs(moved).max() > 1e-3
 
@@ -346,7 +346,7 @@ def test_likelihood_prefers_the_true_place(rng, table):
         x = state(np.random.default_rng(1), table, s=80.0, off=0.0)
         P = covariance(rng)
         x[0] += wrong
-        totals.append(kernel.match_attitude(x, P, 0.05, *args(table), SETTINGS, np.zeros(3)))
+        totals.append(line_updates.match_attitude(x, P, 0.05, *args(table), SETTINGS, np.zeros(3)))
     assert int(np.argmax(totals)) == 1
 
 
@@ -364,7 +364,7 @@ def test_speed_match_is_the_textbook_update(rng, table):
     nu = -speed_innovation(x, table)
     expected = textbook(x, P, nu, H, np.array([[R]]))
     nis = nu[0] ** 2 / (H @ P @ H.T + R)[0, 0]
-    got = kernel.match_speed(x, P, T, *args(table), np.array([0.02, 20.0]))
+    got = line_updates.match_speed(x, P, T, *args(table), np.array([0.02, 20.0]))
     assert_same_belief((x, P), expected, 5e-3)
     assert got == pytest.approx(nis, rel=0.01)
 
@@ -373,7 +373,7 @@ def test_speed_match_is_the_textbook_update(rng, table):
 def test_usual_speed_says_nothing_of_a_train_that_stands_or_rolls_back(rng, table, v):
     x, P = state(rng, table, v=v), covariance(rng)
     x_before, P_before = x.copy(), P.copy()
-    assert kernel.match_speed(x, P, 0.05, *args(table), np.array([0.02, 20.0])) == 0.0
+    assert line_updates.match_speed(x, P, 0.05, *args(table), np.array([0.02, 20.0])) == 0.0
     np.testing.assert_array_equal(x, x_before)
     np.testing.assert_array_equal(P, P_before)
 
@@ -383,7 +383,10 @@ def test_unknown_usual_speed_says_nothing(rng, table):
     rows[:, line_map.SPEED] = np.nan
     x, P = state(rng, table), covariance(rng)
     x_before, P_before = x.copy(), P.copy()
-    assert kernel.match_speed(x, P, 0.05, rows, table.step_m, False, np.array([0.02, 20.0])) == 0.0
+    assert (
+        line_updates.match_speed(x, P, 0.05, rows, table.step_m, False, np.array([0.02, 20.0]))
+        == 0.0
+    )
     np.testing.assert_array_equal(x, x_before)
     np.testing.assert_array_equal(P, P_before)
 
@@ -398,17 +401,17 @@ def test_standstill_updates_are_textbook_updates(rng, table):
     force = gravity(x) + 0.05 * rng.normal(size=3)
     H = numeric_jacobian(gravity, x)
     expected = textbook(x, P, force - gravity(x), H, 0.02**2 * np.eye(3))
-    kernel.level(x, P, force, 0.02)
+    line_updates.level(x, P, force, 0.02)
     assert_same_belief((x, P), expected)
 
     rate = np.array([0.012, -0.02, 0.004])
     H = numeric_jacobian(lambda y: y[20:23], x)
     expected = textbook(x, P, rate - x[20:23], H, 2e-3**2 * np.eye(3))
-    kernel.still_gyro(x, P, rate, 2e-3)
+    line_updates.still_gyro(x, P, rate, 2e-3)
     assert_same_belief((x, P), expected)
 
     expected = textbook(x, P, -x[1:2], np.eye(18)[1:2], np.array([[1e-4]]))
-    kernel.hold(x, P, 0.01)
+    line_updates.hold(x, P, 0.01)
     assert_same_belief((x, P), expected)
 
 
@@ -448,7 +451,7 @@ def matched(table, s0, sigma, measured, tilt_sigma, spread_m=0.4):
     x = on_a_level_line(s0, measured)
     P = np.diag(np.repeat([sigma**2, 1e-8, tilt_sigma**2, 1e-12], [1, 1, 3, 13]))
     settings = np.array([0.5, 1e6, spread_m, 60.0])
-    kernel.match_attitude(x, P, 0.05, *args(table), settings, np.zeros(3))
+    line_updates.match_attitude(x, P, 0.05, *args(table), settings, np.zeros(3))
     return x[0], np.sqrt(P[0, 0])
 
 
@@ -519,14 +522,14 @@ def test_pace_follows_an_unusual_drive(rng, table):
     T = 0.05
     f, w = samples(rng, table, x)
     x, sums = integrate(x, f, w, table)
-    F = kernel.predict(x, P, sums, np.zeros(6), *args(table))
+    F = line_motion.predict(x, P, sums, np.zeros(6), *args(table))
     row = table.rows[int(x[0] / table.step_m)]
     hard = row[12:15] * 6.0 + np.cross(row[12:15], [0.0, 1.0, 0.0]) * 5.0
     driven = np.zeros(1)
     flags = []
     for _ in range(30):
         flags.append(
-            kernel.follow_drive(x, P, F, T, *args(table), driven, hard, 0.02),
+            line_motion.follow_drive(x, P, F, T, *args(table), driven, hard, 0.02),
         )
     assert flags[-1]
     usual = 14.0 + 4.0 * np.sin(x[0] / 30.0)
@@ -542,7 +545,7 @@ def test_pace_follows_an_unusual_drive(rng, table):
     )
     np.testing.assert_array_equal(P, P.T)
     variance = np.array([by_s, by_v]) @ P_sv @ np.array([by_s, by_v])
-    assert P[17, 17] == pytest.approx(variance + kernel.DRIVEN_PACE**2, rel=5e-3)
+    assert P[17, 17] == pytest.approx(variance + line_motion.DRIVEN_PACE**2, rel=5e-3)
     assert np.linalg.eigvalsh(P)[0] > 0.0
 
 
@@ -555,11 +558,11 @@ def test_usual_acceleration_is_no_drive(rng, table):
     x[1] = usual * 1.04
     wanted = x[1] * slope * 1.04
     row = table.rows[int(x[0] / table.step_m)]
-    still = kernel.acceleration(*args(table), x[0], x[1], 0.0, 0.0, 0.0)
+    still = line_rows.acceleration(*args(table), x[0], x[1], 0.0, 0.0, 0.0)
     force = row[12:15] * (wanted - still) * row[15]
     driven, F, before = np.zeros(1), np.eye(18), P.copy()
     for _ in range(40):
-        assert not kernel.follow_drive(x, P, F, 0.05, *args(table), driven, force, 0.0)
+        assert not line_motion.follow_drive(x, P, F, 0.05, *args(table), driven, force, 0.0)
     assert x[29] == 0.04
     np.testing.assert_array_equal(P, before)
 
@@ -572,6 +575,8 @@ def test_rollback_keeps_its_pace(rng, table):
     driven = np.zeros(1)
     for _ in range(40):
         F = np.eye(18)
-        assert not kernel.follow_drive(x, P, F, 0.05, *args(table), driven, -6.0 * row[12:15], 0.02)
+        assert not line_motion.follow_drive(
+            x, P, F, 0.05, *args(table), driven, -6.0 * row[12:15], 0.02
+        )
     assert x[29] == pace
     np.testing.assert_array_equal(P, before)

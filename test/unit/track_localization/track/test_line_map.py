@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from track_localization.estimation import line_filter as kernel
+from track_localization.estimation import line_rows
 from track_localization.track import line_map
 from track_localization.track.centreline import Centreline
 from track_localization.track.line_map import LineMap
@@ -99,7 +99,7 @@ def test_position_and_attitude_between_the_rows(maps, name):
     """At chainages that are no rows' the attitude is the curve's to a tenth of a milliradian."""
     table, (curve, length, _) = maps[name], LINES[name]
     for s in np.random.default_rng(2).uniform(0.0, length, 60):
-        got = kernel.attitude_at(table.rows, table.step_m, table.closed, s)
+        got = line_rows.attitude_at(table.rows, table.step_m, table.closed, s)
         off = Rotation.from_matrix(curve(s)[1].T @ got).magnitude()
         assert off < 1e-5, s
     expected = np.array([curve(s)[0] for s in table.chainage[::50]])
@@ -166,11 +166,11 @@ def test_set_speed_fills_its_columns():
 def test_laps_of_a_circuit_are_the_same_line(maps):
     table = maps['circle']
     for s in (0.0, 0.03, 57.21, table.length - 0.02):
-        i, share = kernel.row_of(table.rows, table.step_m, True, s)
+        i, share = line_rows.row_of(table.rows, table.step_m, True, s)
         assert (i + share) * table.step_m == pytest.approx(s, abs=1e-9)
         for laps in (-2, -1, 1, 7):
             there = s + laps * table.length
-            R = kernel.attitude_at(table.rows, table.step_m, True, there)
+            R = line_rows.attitude_at(table.rows, table.step_m, True, there)
             np.testing.assert_allclose(R, level_circle(s)[1], atol=1e-6)
 
 
@@ -178,10 +178,10 @@ def test_ends_of_an_open_line_hold(maps):
     """Beyond an end the vehicle has the end's attitude and row."""
     table = maps['helix']
     for s, end in ((-3.0, 0.0), (-1e6, 0.0), (table.length + 3.0, table.length), (1e7, 250.0)):
-        i, share = kernel.row_of(table.rows, table.step_m, False, s)
+        i, share = line_rows.row_of(table.rows, table.step_m, False, s)
         assert 0 <= i < len(table.rows) - 1
         assert (i + share) * table.step_m == pytest.approx(end, abs=1e-9)
-        R = kernel.attitude_at(table.rows, table.step_m, False, s)
+        R = line_rows.attitude_at(table.rows, table.step_m, False, s)
         np.testing.assert_allclose(R, helix(end)[1], atol=1e-5)
 
 
@@ -205,7 +205,7 @@ def test_bead_on_a_line_obeys_newton(maps, name):
         f = curve(chainage(t))[1].T @ (pull + np.array([0.0, 0.0, G]))
         v = 9.0 + 4.0 * 1.7 * np.cos(1.7 * t)
         expected = -4.0 * 1.7**2 * np.sin(1.7 * t)
-        got = kernel.acceleration(table.rows, table.step_m, table.closed, chainage(t), v, *f)
+        got = line_rows.acceleration(table.rows, table.step_m, table.closed, chainage(t), v, *f)
         assert got == pytest.approx(expected, abs=2e-3), t
 
 
@@ -214,7 +214,7 @@ def glide(table, s, v, dt, steps):
     args = (table.rows, table.step_m, table.closed)
 
     def slope(y):
-        return np.array([y[1], kernel.acceleration(*args, y[0], y[1], 0.0, 0.0, 0.0)])
+        return np.array([y[1], line_rows.acceleration(*args, y[0], y[1], 0.0, 0.0, 0.0)])
 
     y, out = np.array([s, v]), []
     for _ in range(steps):
@@ -258,9 +258,9 @@ def test_corrected_attitude_turns_as_its_correction_says():
     table.turn(correction)
     for i in range(100, 1500, 100):
         R = helix(s[i])[1] @ Rotation.from_rotvec(correction[i]).as_matrix()
-        got = kernel.attitude_at(table.rows, table.step_m, False, float(s[i]))
+        got = line_rows.attitude_at(table.rows, table.step_m, False, float(s[i]))
         np.testing.assert_allclose(got, R, atol=1e-5)
-        near = kernel.attitude_at(table.rows, table.step_m, False, s[i] + 0.999 * table.step_m)
+        near = line_rows.attitude_at(table.rows, table.step_m, False, s[i] + 0.999 * table.step_m)
         step = Rotation.from_matrix(near.T @ helix(s[i + 1])[1]).as_matrix()
         step = step @ Rotation.from_rotvec(correction[i + 1]).as_matrix()
         # What is missed is of second order in the correction: 1e-5 over a row.
@@ -271,6 +271,8 @@ def test_standing_vehicle_stays_where_the_attitude_was_corrected():
     """At rest the accelerometer shows gravity in the corrected attitude: nothing pulls along."""
     table = make('helix')
     table.turn(np.full((len(table.rows), 3), [0.004, 0.01, -0.006]))
-    R = kernel.attitude_at(table.rows, table.step_m, False, 80.0)
-    pull = kernel.acceleration(table.rows, table.step_m, False, 80.0, 0.0, *(R.T @ [0.0, 0.0, G]))
+    R = line_rows.attitude_at(table.rows, table.step_m, False, 80.0)
+    pull = line_rows.acceleration(
+        table.rows, table.step_m, False, 80.0, 0.0, *(R.T @ [0.0, 0.0, G])
+    )
     assert abs(pull) < 1e-4
