@@ -1,0 +1,180 @@
+"""The line filter's prediction: by finite differences and seeded noise; drives and brakes."""
+
+import numpy as np
+import pytest
+
+from track_localization.estimation import line_motion, line_rows
+
+RATE_HZ, SAMPLES = 100.0, 5
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+def samples(rng, table, x):
+    """Force and rate (SAMPLES, 3) as of a ride there: the line's turning and some more."""
+    row = table.rows[int(x[0] / table.step_m)]
+    M = x[11:20].reshape(3, 3)
+    w = (x[1] * row[9:12] + 0.2 * rng.normal(size=(SAMPLES, 3))) @ M
+    f = (np.array([3.0, 2.0, 12.0]) + rng.normal(size=(SAMPLES, 3))) @ M
+    return f, w
+
+
+def integrate(ref, x, f, w, table):
+    x, sums = x.copy(), np.zeros(line_motion.SUMS)
+    for i in range(SAMPLES):
+        line_motion.advance(x, sums, f[i], w[i], 1.0 / RATE_HZ, *ref.args(table))
+    return x, sums
+
+
+@pytest.mark.parametrize('s', [40.0, 73.0, 120.0])
+def test_transition_is_the_derivative_of_the_integration(ref, rng, table, s):
+    """
+    F against the integration of five samples under each of the 18 errors.
+
+    Rows are scaled to what they are rates of: acceleration errors for s and v, turn for tilt.
+    The transition is taken at the end of the epoch instead of along it, 0.7 m of a line whose
+    terms change by some per mille per metre.
+    """
+    x = ref.state(rng, table, s)
+    f, w = samples(rng, table, x)
+    reference, sums = integrate(ref, x, f, w, table)
+    T = SAMPLES / RATE_HZ
+    P = ref.covariance(rng)
+    F = line_motion.predict(reference.copy(), P, sums, np.zeros(6), *ref.args(table))
+
+    def predicted(start):
+        return ref.minus(integrate(ref, start, f, w, table)[0], reference)
+
+    numeric = ref.numeric_jacobian(predicted, x)
+    F_others, numeric_others = F[:17], numeric[:17]
+    scale = np.repeat([2.0 / T**2, 1.0 / T, 1.0 / T, 1.0], [1, 1, 3, 12])[:, None]
+    off = (F_others - numeric_others) * scale
+    # s'' of s and v: gravity over metres, centrifugal share per m/s.
+    np.testing.assert_allclose(off[0:2, 0:2], 0.0, atol=0.03)
+    # s'' by a radian of mount: the 12 m/s^2 of force across; by accelerometer bias: one.
+    np.testing.assert_allclose(off[0:2, 5:8], 0.0, atol=0.1)
+    np.testing.assert_allclose(off[0:2, 14:17], 0.0, atol=0.01)
+    # Tilt by gyro bias (one) and scale (the rate, about 1 rad/s).
+    np.testing.assert_allclose(off[2:5], 0.0, atol=2e-4)
+    np.testing.assert_allclose(off[5:], 0.0, atol=1e-9)
+    assert np.abs(numeric_others[0:2, 5:8] * scale[0:2]).max() > 5.0
+    assert F[17, 17] == pytest.approx(np.exp(-reference[1] * T * 0.02))
+    np.testing.assert_array_equal(F[17, :17], 0.0)
+
+
+def test_covariance_prediction_is_f_p_f_plus_q(ref, rng, table):
+    """The shortcut over the rows that move is F P F' + Q, for white noise on s'' and the walks."""
+    x = ref.state(rng, table)
+    f, w = samples(rng, table, x)
+    x, sums = integrate(ref, x, f, w, table)
+    P = ref.covariance(rng)
+    noise = np.array([0.3, 2e-3, 1e-4, 4e-3, 5e-5, 0.08])
+    T = SAMPLES / RATE_HZ
+    got, before = P.copy(), x[29]
+    F = line_motion.predict(x, got, sums, noise, *ref.args(table))
+    Q = np.zeros((18, 18))
+    Q[0:2, 0:2] = noise[0] * np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]])
+    rates = {2: noise[1], 5: noise[4], 8: noise[2], 11: 0.0, 14: noise[3]}
+    for k, q in rates.items():
+        Q[k : k + 3, k : k + 3] = q * T * np.eye(3)
+    Q[17, 17] = 0.08**2 * (1.0 - F[17, 17] ** 2)
+    np.testing.assert_allclose(got, F @ P @ F.T + Q, atol=1e-14)
+    np.testing.assert_array_equal(got, got.T)
+    np.testing.assert_array_equal(sums, 0.0)
+    assert x[29] == pytest.approx(before * F[17, 17])
+
+
+def test_nothing_happens_over_no_time(ref, rng, table):
+    x, P = ref.state(rng, table), ref.covariance(rng)
+    x_before, P_before = x.copy(), P.copy()
+    F = line_motion.predict(x, P, np.zeros(line_motion.SUMS), np.ones(6), *ref.args(table))
+    np.testing.assert_array_equal(F, np.eye(18))
+    np.testing.assert_array_equal(x, x_before)
+    np.testing.assert_array_equal(P, P_before)
+
+
+def test_white_noise_spreads_as_the_covariance_says(ref, rng, table):
+    """Thousand integrations of white force noise: variances of s and v within 15 %."""
+    x = ref.state(rng, table, s=60.0, v=8.0)
+    f, w = samples(rng, table, x)
+    density = 0.5
+    row = table.rows[int(x[0] / table.step_m)]
+    forward = x[11:20].reshape(3, 3).T @ row[12:15] * row[15]
+    ends = []
+    for _ in range(1000):
+        noise = rng.normal(size=(SAMPLES, 1)) * np.sqrt(density * RATE_HZ)
+        ends.append(integrate(ref, x, f + noise * forward, w, table)[0][0:2])
+    spread = np.cov(np.array(ends).T)
+    reference, sums = integrate(ref, x, f, w, table)
+    P = np.zeros((18, 18))
+    line_motion.predict(reference, P, sums, np.array([density, 0, 0, 0, 0, 0]), *ref.args(table))
+    np.testing.assert_allclose(spread, P[0:2, 0:2], rtol=0.15)
+
+
+def test_pace_follows_an_unusual_drive(ref, rng, table):
+    """Driven harder than usual, pace becomes v / usual - 1 and F, P say that it came from v."""
+    x, P = ref.state(rng, table, v=12.0), ref.covariance(rng)
+    T = 0.05
+    f, w = samples(rng, table, x)
+    x, sums = integrate(ref, x, f, w, table)
+    F = line_motion.predict(x, P, sums, np.zeros(6), *ref.args(table))
+    row = table.rows[int(x[0] / table.step_m)]
+    hard = row[12:15] * 6.0 + np.cross(row[12:15], [0.0, 1.0, 0.0]) * 5.0
+    driven = np.zeros(1)
+    flags = []
+    for _ in range(30):
+        flags.append(
+            line_motion.follow_drive(x, P, F, T, *ref.args(table), driven, hard, 0.02),
+        )
+    assert flags[-1]
+    usual = 14.0 + 4.0 * np.sin(x[0] / 30.0)
+    assert x[29] == pytest.approx(x[1] / usual - 1.0, abs=1e-4)
+    # pace = v / u(s) - 1: its derivatives by v and by s.
+    by_v, by_s = 1.0 / usual, -x[1] * 4.0 / 30.0 * np.cos(x[0] / 30.0) / usual**2
+    np.testing.assert_allclose(
+        F[17, :17], by_v * F[1, :17] + by_s * F[0, :17], rtol=2e-3, atol=1e-9
+    )
+    P_sv = P[:2, :2]
+    np.testing.assert_allclose(
+        P[17, :17], by_v * P[1, :17] + by_s * P[0, :17], rtol=2e-3, atol=1e-9
+    )
+    np.testing.assert_array_equal(P, P.T)
+    variance = np.array([by_s, by_v]) @ P_sv @ np.array([by_s, by_v])
+    assert P[17, 17] == pytest.approx(variance + line_motion.DRIVEN_PACE**2, rel=5e-3)
+    assert np.linalg.eigvalsh(P)[0] > 0.0
+
+
+def test_usual_acceleration_is_no_drive(ref, rng, table):
+    """The force that keeps the usual speed (and its slope) leaves the pace alone."""
+    x, P = ref.state(rng, table), ref.covariance(rng)
+    x[29] = 0.04
+    usual = 14.0 + 4.0 * np.sin(x[0] / 30.0)
+    slope = 4.0 / 30.0 * np.cos(x[0] / 30.0)
+    x[1] = usual * 1.04
+    wanted = x[1] * slope * 1.04
+    row = table.rows[int(x[0] / table.step_m)]
+    still = line_rows.acceleration(*ref.args(table), x[0], x[1], 0.0, 0.0, 0.0)
+    force = row[12:15] * (wanted - still) * row[15]
+    driven, F, before = np.zeros(1), np.eye(18), P.copy()
+    for _ in range(40):
+        assert not line_motion.follow_drive(x, P, F, 0.05, *ref.args(table), driven, force, 0.0)
+    assert x[29] == 0.04
+    np.testing.assert_array_equal(P, before)
+
+
+def test_rollback_keeps_its_pace(ref, rng, table):
+    """A train that rolls back from a lift is not a train of pace -2."""
+    x, P = ref.state(rng, table, v=-6.0), ref.covariance(rng)
+    pace, before = x[29], P.copy()
+    row = table.rows[int(x[0] / table.step_m)]
+    driven = np.zeros(1)
+    for _ in range(40):
+        F = np.eye(18)
+        assert not line_motion.follow_drive(
+            x, P, F, 0.05, *ref.args(table), driven, -6.0 * row[12:15], 0.02
+        )
+    assert x[29] == pace
+    np.testing.assert_array_equal(P, before)
