@@ -87,7 +87,9 @@ def close_epoch(
         driven[0] = 0.0
     else:
         strongest = np.sqrt(max(shake[0], shake[1], shake[2]))
-        follows = line_motion.follow_drive(x, P, F, T, rows, step, closed, driven, force, strongest)
+        follows = line_motion.follow_drive(
+            x, P, F, T, rows, step, closed, driven, force, strongest, noise[5]
+        )
     x_before, P_before = x.copy(), P.copy()
     if still:
         likelihood = line_updates.match_attitude(

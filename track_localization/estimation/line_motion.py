@@ -52,6 +52,9 @@ STOPPED = 0.3
 """A vehicle slower than this has stopped [m/s]."""
 DRIVEN_PACE = 0.005
 """What is then left of the pace's uncertainty beside the speed's own."""
+UNUSUAL, UNUSUAL_SIGMAS = 0.5, 3.0
+"""A speed off the usual one by more than this share of it, and so many of its own sigmas, is no
+usual one at another pace."""
 
 
 @numba.njit(cache=True)
@@ -173,18 +176,28 @@ def follow_drive(
     driven: Array,
     force: Array,
     shake: float,
+    pace_sigma: float,
 ) -> bool:
     """
     Let the pace follow the speed where the vehicle is driven or braked as it usually is not.
 
     Part of the prediction: ``F`` is changed with ``P``. ``driven`` (1,) averages the unusual
     acceleration, from the specific ``force`` (3,) in body axes, whose noise is ``shake`` [m/s^2].
-    Return whether it is so; never where the vehicle rolls back.
+    Return whether the usual speed is to be left alone: where that is so, or the vehicle waits where
+    others pass, or the other way round; then the pace is forgotten, known to ``pace_sigma``. Never
+    where the vehicle rolls back.
     """
     usual, slope, _ = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
     if not (abs(usual) > SLOWEST and np.isfinite(slope)):
         driven[0] = 0.0
         return False
+    if abs(x[1] - usual) > UNUSUAL * abs(usual) + UNUSUAL_SIGMAS * np.sqrt(P[V, V]):
+        driven[0] = x[X_PACE] = 0.0
+        F[PACE, :] = 0.0
+        P[PACE, :] = 0.0
+        P[:, PACE] = 0.0
+        P[PACE, PACE] = pace_sigma**2
+        return True
     a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
     unusual = a - x[1] * slope * (1.0 + x[X_PACE])
     driven[0] += T / (T + DRIVEN_S) * (unusual - driven[0])

@@ -127,7 +127,7 @@ def test_pace_follows_an_unusual_drive(ref, rng, table):
     flags = []
     for _ in range(30):
         flags.append(
-            line_motion.follow_drive(x, P, F, T, *ref.args(table), driven, hard, 0.02),
+            line_motion.follow_drive(x, P, F, T, *ref.args(table), driven, hard, 0.02, 0.07),
         )
     assert flags[-1]
     usual = 14.0 + 4.0 * np.sin(x[0] / 30.0)
@@ -160,7 +160,9 @@ def test_usual_acceleration_is_no_drive(ref, rng, table):
     force = row[12:15] * (wanted - still) * row[15]
     driven, F, before = np.zeros(1), np.eye(18), P.copy()
     for _ in range(40):
-        assert not line_motion.follow_drive(x, P, F, 0.05, *ref.args(table), driven, force, 0.0)
+        assert not line_motion.follow_drive(
+            x, P, F, 0.05, *ref.args(table), driven, force, 0.0, 0.07
+        )
     assert x[29] == 0.04
     np.testing.assert_array_equal(P, before)
 
@@ -174,7 +176,38 @@ def test_rollback_keeps_its_pace(ref, rng, table):
     for _ in range(40):
         F = np.eye(18)
         assert not line_motion.follow_drive(
-            x, P, F, 0.05, *ref.args(table), driven, -6.0 * row[12:15], 0.02
+            x, P, F, 0.05, *ref.args(table), driven, -6.0 * row[12:15], 0.02, 0.07
         )
     assert x[29] == pace
+    np.testing.assert_array_equal(P, before)
+
+
+def test_where_others_pass_a_creeping_train_has_no_pace(ref, rng, table):
+    """1 m/s is no share of 14 +- 4: the usual speed is left alone, the pace as at first."""
+    x, P = ref.state(rng, table, v=1.0), ref.covariance(rng)
+    P[1, :], P[:, 1] = 0.0, 0.0
+    P[1, 1] = 0.2**2
+    x[29], others = -0.9, P[:17, :17].copy()
+    F = np.eye(18)
+    force = table.rows[int(x[0] / table.step_m), 12:15] * -1.0
+    assert line_motion.follow_drive(x, P, F, 0.05, *ref.args(table), np.ones(1), force, 0.02, 0.07)
+    assert (x[1], x[29]) == (1.0, 0.0)
+    np.testing.assert_array_equal(P[:17, :17], others)
+    np.testing.assert_array_equal(P[17], np.append(np.zeros(17), 0.07**2))
+    np.testing.assert_array_equal(P, P.T)
+    assert not F[17].any()
+
+
+def test_a_speed_that_is_not_known_may_be_usual(ref, rng, table):
+    """The same train, its speed known to 8 m/s: nothing says yet that it creeps."""
+    x, P = ref.state(rng, table, v=1.0), ref.covariance(rng)
+    P[1, 1], x[29] = 8.0**2, 0.02
+    F, before = np.eye(18), P.copy()
+    still = line_rows.acceleration(*ref.args(table), x[0], x[1], 0.0, 0.0, 0.0)
+    row = table.rows[int(x[0] / table.step_m)]
+    force = row[12:15] * -still * row[15]
+    assert not line_motion.follow_drive(
+        x, P, F, 0.05, *ref.args(table), np.zeros(1), force, 0.02, 0.07
+    )
+    assert x[29] == 0.02
     np.testing.assert_array_equal(P, before)
