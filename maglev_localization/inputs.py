@@ -12,7 +12,7 @@ from track_localization.track.balise_table import BaliseTable, read_balises
 
 __all__ = ['read_balises', 'read_line', 'warm_up_measurements']
 
-SPEED_MPS, PITCH_M = 20.0, 0.2
+SPEED_MPS, PITCH_M, STOOD_S = 20.0, 0.2, 4.0
 """Of the run that is practised."""
 
 
@@ -28,7 +28,7 @@ def warm_up_measurements(balises: BaliseTable) -> Iterator[Measurement]:
     count, jump = 0.0, 0.0
     for k in range(3000):
         time_s = start_s + 0.01 * k
-        speed = SPEED_MPS * min(max(0.2 * (0.01 * k - 1.0), 0.0), 1.0) * (k < 2500)
+        speed = SPEED_MPS * min(max(0.2 * (0.01 * k - STOOD_S), 0.0), 1.0) * (k < 2500)
         s += 0.01 * speed
         jump = 40.0 if k >= 1400 else jump
         count = np.floor((s + jump) / PITCH_M) * PITCH_M

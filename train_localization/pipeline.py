@@ -41,9 +41,9 @@ from train_localization.state import Fix, Fused, Stretch
 Array = NDArray[np.float64]
 
 ALIGNING = 'aligning'
-START_WITHIN_S, START_SHARE, START_SIGMA_MPS, ANY_MPS = 2.0, 0.05, 0.5, 40.0
+START_WITHIN_S, START_SHARE, START_SIGMA_MPS = 2.0, 0.05, 0.5
 """A given pose waits so long for an odometer speed [s]; of the way until then and of that speed so
-much is unsure, and at least so much of the speed [m/s]; without an odometer so much [m/s]."""
+much is unsure, and at least so much of the speed [m/s]."""
 RESTART_S = 2.0
 """When all stamps have been too late for so long, time began anew [s]."""
 SILENT_S = 1.5
@@ -213,26 +213,25 @@ class TrainPipeline:
         return []
 
     def _given_start(self, heard: Stretch | Fix | WheelSpeed) -> Start | None:
-        """Return the start that was given, when the odometer tells the speed or does not come."""
+        """Return the start that was given, as soon as the odometer tells the speed."""
         assert self._given is not None
         assert self._placing is not None
         time_s, geodetic, quaternion, covariance = self._given
         elapsed = heard.time_s - time_s
-        if isinstance(heard, WheelSpeed):
-            if abs(elapsed) > START_WITHIN_S:
-                return None
-            speed, share, least = heard.speed, START_SHARE * abs(heard.speed), START_SIGMA_MPS
-        elif elapsed > START_WITHIN_S:
-            speed, share, least = 0.0, ANY_MPS, 0.0
-        else:
+        if not isinstance(heard, WheelSpeed):
+            if elapsed > START_WITHIN_S:
+                self._given = None  # by now it has turned: own alignment tells better
+            return None
+        if abs(elapsed) > START_WITHIN_S:
             return None
         self._given = None
         nav = np.concatenate([geodetic, np.zeros(3), quaternion])
         R_nb = self._placing.rotation(nav).T @ so3.matrix_from_quat(quaternion)
-        unsure = np.abs(R_nb[:, 0]) * share * elapsed
-        covariance = covariance + np.diag([*unsure**2, 0.0, 0.0, 0.0])
-        moved = kernels.moved(geodetic, R_nb[:, 0] * speed * elapsed)
-        return start_at(heard.time_s, moved, R_nb, covariance, speed, math.hypot(least, share))
+        way = R_nb[:, 0] * heard.speed * elapsed
+        covariance = covariance + np.diag([*(np.abs(way) * START_SHARE) ** 2, 0.0, 0.0, 0.0])
+        moved = kernels.moved(geodetic, way)
+        sigma = math.hypot(START_SIGMA_MPS, START_SHARE * heard.speed)
+        return start_at(heard.time_s, moved, R_nb, covariance, heard.speed, sigma)
 
     def _make_filter(self) -> Any:
         method, placing = self._config.method, self._placing
