@@ -9,7 +9,7 @@ from maglev_localization.estimate import Estimate
 from maglev_localization.health import ISOLATED, SILENT
 from maglev_localization.in_order import InOrderCore
 from maglev_localization.measurements import Measurement, sensor_of
-from maglev_localization.plausible import problem
+from maglev_localization.plausible import believed, problem
 from maglev_localization.replaying import ReplayingCore
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.stamps import Stamps
@@ -98,7 +98,7 @@ class MaglevPipeline:
             self._start_over()
         if self._stamps.gap_s > 0.0:
             self._core.after_gap(self._stamps.gap_s)
-        estimate = self._core.take(measurement)
+        estimate = self._core.take(believed(measurement))
         if estimate is None:
             return []
         self._latest = estimate

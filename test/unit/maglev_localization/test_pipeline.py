@@ -585,3 +585,16 @@ def test_memory_is_flat(train, horizon_s):
         pipeline.push(z)
         most = max(most, len(pipeline._core._history))
     assert most < 5 + 1.3 * horizon_s * 70
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_sensor_that_claims_to_be_surer_than_any_does_not_break_the_covariance(method):
+    """A variance of 1e-300 would leave rounding errors as what is not known."""
+    balises = BaliseTable(('b0',), np.array([100.0]), np.array([0.02]))
+    pipeline = MaglevPipeline(dataclasses.replace(MaglevConfig(), method=method), balises, 3000.0)
+    told = []
+    for k in range(40):
+        told += pipeline.push(LoopPosition(10.0 + 0.02 * k, 0.0, 1e-300))
+        told += pipeline.push(RadarSpeed(10.01 + 0.02 * k, -1.0, 1e-300))
+    assert told
+    assert all(np.diag(estimate.covariance).min() > 0.0 for estimate in told)
