@@ -1,4 +1,4 @@
-"""What a bank makes of one reading: against scipy's densities, Bayes' rule and dense updates."""
+"""What a bank makes of one reading of loop or radar: against scipy, Bayes' rule, dense updates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from maglev_localization import bank, hearing, passing, standing
+from maglev_localization import bank, hearing, standing
 from maglev_localization.line_kernels import SIZE, A, B, C, K, S, V
 
 SHARE = 0.5
@@ -37,12 +37,6 @@ def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED)
 def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4, unseen=(0.0, 0.0), least=0.0):
     settings = (outlier, slip, 0.03, least)
     return hearing.hear_radar(*state, speed, R_RADAR, *settings, *unseen, most, 0.5)
-
-
-def hear_balise(state, told, chainage, R=0.01, length=7000.0, most=100):
-    table = np.asarray(chainage, float)
-    settings = (0.05, 1e-4, 1e-3, length, most, 0.5)
-    return passing.hear_balise(*state, table, np.full(len(table), R), told, *settings)
 
 
 def joseph(x, P, H, nu, R):
@@ -283,141 +277,3 @@ def test_a_slow_train_in_doubt_is_held_too():
     assert x[0, 1, V] == pytest.approx(0.0, abs=1e-3)
     assert math.sqrt(P[0, 1, V, V]) == pytest.approx(0.25, rel=0.01)
     assert hear_radar((np.zeros(1), x, P), 5.0)[4] == hearing.IGNORED
-
-
-def test_a_balise_as_told_corrects_the_master():
-    """Fused, both locals have the dense update of the global estimate."""
-    state = one()
-    log_w, x, P, nis, says = hear_balise(state, 1, [100.0, 900.2, 1900.0])
-    mean, spread = joseph(MEAN, SHARE * state[2][0, 0], POSITION, 0.2, 0.01)
-    heaviest = np.argmax(log_w)
-    bank.federate(x, P)
-    assert says == hearing.PLAIN
-    assert x[heaviest, 0] == pytest.approx(mean, rel=1e-9)
-    assert close(SHARE * P[heaviest, 0], spread)
-    assert nis == pytest.approx(0.2**2 / (0.03**2 + 0.1**2 + 0.01), rel=1e-9)
-
-
-@pytest.mark.parametrize('told', [0, 2, -1])
-def test_a_wrong_or_unknown_id_is_that_of_the_balise_at_hand(told):
-    log_w, x, _, _, says = hear_balise(one(), told, [100.0, 900.2, 1900.0])
-    heaviest = np.argmax(log_w)
-    assert says == hearing.NEARBY
-    assert POSITION @ x[heaviest, 0] == pytest.approx(900.1, abs=0.05)
-
-
-def test_the_odds_of_balises_are_bayes():
-    """Two balises 1 m apart, the train between them: id and distance decide."""
-    log_w, x, *_ = hear_balise(one(), 0, [899.5, 900.5, 5000.0])
-    place = x[:, 0, C] - x[:, 0, B]
-    sigma = math.sqrt(0.03**2 + 0.1**2 + 0.01)
-    expected = (
-        0.95 / (0.05 / 2.0) * stats.norm.pdf(0.5, scale=sigma) / stats.norm.pdf(0.5, scale=sigma)
-    )
-    weights = [math.exp(log_w[np.argmin(np.abs(place - p))]) for p in (899.7, 900.3)]
-    assert weights[0] / weights[1] == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_passing_where_no_balise_is_changes_nothing():
-    """An id that nobody knows, 100 m from any balise."""
-    log_w, x, P, _, says = hear_balise(one(), -1, [100.0, 1000.0, 1900.0])
-    assert says == hearing.IGNORED
-    assert len(log_w) == 1
-    assert np.array_equal(x, one()[1])
-    assert np.array_equal(P, one()[2])
-
-
-def test_a_balise_far_astray_may_be_right():
-    """
-    1 km from where the train is thought to be, by its own id: it moves, or the passing is nothing.
-
-    Both densities are flat over the line, so the odds are 0.001 x 0.95 to 0.0001.
-    """
-    log_w, x, P, _, says = hear_balise(one(), 2, [100.0, 1000.0, 1900.0])
-    assert says == hearing.MOVED
-    assert len(log_w) == 2
-    assert math.exp(log_w[0] - log_w[1]) == pytest.approx(9.5, rel=1e-9)
-    bank.federate(x, P)
-    assert POSITION @ x[0, 0] == pytest.approx(1900.0, abs=1e-9)
-    assert SHARE * POSITION @ P[0, 0] @ POSITION == pytest.approx(0.01, rel=1e-9)
-    assert x[0, 0, [C, V, A, S, K]] == pytest.approx(MEAN[[C, V, A, S, K]], rel=1e-12)
-
-
-def test_from_anywhere_every_balise_is_possible():
-    """The id is right in 19 of 20 passings; the other is any of the rest, wherever the train is."""
-    sigma = [0.03, 0.05, 0.1, 3500.0, 1e-4, 2e-3]
-    log_w, x, *_ = hear_balise(one(b=-3000.0, sigma=sigma), 2, np.arange(1, 7) * 1000.0)
-    w = np.exp(log_w)
-    place = x[:, 0, C] - x[:, 0, B]
-    inside = [w[np.abs(place - p) < 1.0].sum() for p in np.arange(1, 7) * 1000.0]
-    prior = stats.norm.pdf(np.arange(1, 7) * 1000.0 - 3500.0, scale=3500.0)
-    chance = np.array([0.01, 0.01, 0.95, 0.01, 0.01, 0.01])
-    expected = prior * chance
-    assert np.array(inside) / sum(inside) == pytest.approx(expected / expected.sum(), rel=1e-2)
-
-
-def test_an_empty_table_tells_nothing():
-    _, x, P, _, says = hear_balise(one(), -1, [])
-    assert says == hearing.IGNORED
-    assert np.array_equal(x, one()[1])
-    assert np.array_equal(P, one()[2])
-
-
-def test_hypotheses_are_bounded_in_number():
-    """Readings that allow several accounts each, for a thousand readings: never more than asked."""
-    rng = np.random.default_rng(3)
-    state = one(sigma=[0.1, 0.05, 0.1, 0.1, 1e-4, 2e-3])
-    for k in range(1000):
-        reading = 500.0 + 0.1 * rng.normal()
-        log_w, x, P, *_ = hearing.hear_loop(
-            *state, reading, R_LOOP, PITCH, 0.05, 0.05, 0.1, 8, rng.random()
-        )
-        assert 1 <= len(log_w) <= 8
-        assert np.exp(log_w).sum() == pytest.approx(1.0, rel=1e-9)
-        state = (log_w, x, P) if k % 50 else (log_w[:1] * 0.0, x[:1], P[:1] + one()[2])
-
-
-def test_depart_opens_count_and_speed():
-    _, x, P = one()
-    standing.depart(P, 0.2)
-    added = SHARE * (P[0, 0] - one()[2][0, 0])
-    assert np.array_equal(x, one()[1])
-    assert np.diag(added)[[C, V, A]] == pytest.approx([0.04, 0.25, 0.25], rel=1e-9)
-    assert added - np.diag(np.diag(added)) == pytest.approx(0.0, abs=1e-15)
-
-
-@pytest.mark.parametrize(
-    ('off', 'sigma', 'inside'), [(0.05, 0.05, True), (0.15, 0.05, False), (0.05, 0.2, False)]
-)
-def test_bounded_means_that_a_standing_count_is_no_news(off, sigma, inside):
-    """Within 1.7 sigma of the middle (0.06 m), and known about as well as the count tells."""
-    _, x, P = one(sigma=[sigma, 0.05, 0.1, 0.1, 1e-4, 2e-3])
-    assert standing.bounded(x, P, 500.0 + off, 0.2**2 / 12.0) == inside
-
-
-def test_a_standing_count_is_news_as_long_as_it_is_to_one_hypothesis():
-    """One that has the train half a metre back is not let live."""
-    _, x, P = one(sigma=[0.05, 0.05, 0.1, 0.1, 1e-4, 2e-3])
-    x, P = np.concatenate([x, x]), np.concatenate([P, P])
-    x[1, :, C] -= 0.5
-    assert not standing.bounded(x, P, 500.0, 0.2**2 / 12.0)
-    assert standing.bounded(x[:1], P[:1], 500.0, 0.2**2 / 12.0)
-
-
-def test_stand_still_is_two_measurements():
-    state = one(v=0.1, a=-0.2)
-    mean, spread = state[1][0, 0], SHARE * state[2][0, 0]
-    for place, sigma in ((V, 0.05), (A, 0.2)):
-        mean, spread = joseph(mean, spread, np.eye(SIZE)[place], -mean[place], sigma**2)
-    standing.stand_still(state[1], state[2], 0.05, 0.2)
-    for local in range(2):
-        assert state[1][0, local] == pytest.approx(mean, rel=1e-9, abs=1e-12)
-        assert close(SHARE * state[2][0, local], spread)
-
-
-def test_a_running_train_is_not_made_to_stand():
-    """A loop over a dead zone and a radar that lost the ground look like standing."""
-    _, x, P = one()
-    standing.stand_still(x, P, 0.05, 0.2)
-    assert np.array_equal(x, one()[1])
-    assert np.array_equal(P, one()[2])
