@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from track_localization import GRAVITY
 from track_localization.track.centreline import Centreline
-from train_localization import kernels
+from train_localization import kernels, map_kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
@@ -185,7 +185,7 @@ class RobustFilter:
         nav, aux, P = state.nav, state.aux, state.P
         trusted = state.trusted
         if not trusted and now - state.fixed_s > LOST_AFTER_S:
-            kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
+            map_kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
             trusted = True
         if now - state.mapped_s < 1.0 / line.rate_hz - 1e-6:
             return state._replace(trusted=trusted)
@@ -201,7 +201,7 @@ class RobustFilter:
             alike = max(line.rate_hz * line.wander_m / speed, 1.0)
             R = alike * np.array([line.local_sigma_m**2, line.height_sigma_m**2])
             ahead = to_level @ (self._track.position(s) - position)
-            nis = kernels.line(
+            nis = map_kernels.line(
                 nav, aux, P, ahead, left, np.cross(tangent, left), R,
                 alike * math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
             )  # fmt: skip

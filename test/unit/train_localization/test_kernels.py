@@ -7,7 +7,7 @@ import pytest
 
 from track_localization.estimation import so3
 from track_localization.estimation.ins import inject
-from train_localization import kernels
+from train_localization import kernels, map_kernels
 from train_localization.kernels import AUX, MAP, SCALE, SIZE, SLOW
 
 STEP = 1e-4
@@ -156,7 +156,7 @@ def test_line_update_is_that_of_its_measurement_model(state):
         h[3:6] = axis
         rows.append((h, course * speed**2, -axis @ nav[3:6]))
     expected = dense(nav, aux, P, rows)
-    kernels.line(nav, aux, P, ahead, left, upward, R, course, 1e9)
+    map_kernels.line(nav, aux, P, ahead, left, upward, R, course, 1e9)
     assert_same((nav, aux, P), expected)
 
 
@@ -178,10 +178,10 @@ def test_a_map_that_fixes_speak_against_is_not_trusted(state):
     aux[:] = 0.0
     aux[MAP - 9] = 3.0
     before = P[MAP, MAP]
-    assert not kernels.trust_map(nav, aux, P, 0.16, 4.0)
+    assert not map_kernels.trust_map(nav, aux, P, 0.16, 4.0)
     assert P[MAP, MAP] == before
     aux[MAP - 9] = 0.3
-    assert kernels.trust_map(nav, aux, P, 0.16, 4.0)
+    assert map_kernels.trust_map(nav, aux, P, 0.16, 4.0)
     assert P[MAP, MAP] == pytest.approx(0.25 * 0.16 / 0.41)
 
 
