@@ -162,6 +162,15 @@ def test_initialpose_in_map_sets_the_start(ros, fake, talk):
     np.testing.assert_allclose(R_nb, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.parametrize('s', [3.0, 100.0, 200.0, 251.3])
+def test_a_start_surer_than_any_along_the_track_stays_a_covariance(fake, s):
+    """1e-300 would be lost in rounding beside what is unsure across it."""
+    node = fake()
+    node.on_initialpose(pose(1.0, x=s, frame='track', variance=(1e-300, 0.0, 0.0)))
+    ((_, covariance, R_nb),) = node.filter.starts
+    assert R_nb[:, 0] @ covariance @ R_nb[:, 0] == pytest.approx(1e-8, rel=0.1)
+
+
 def test_initialpose_along_the_track_sets_the_start(fake):
     """A quarter round of the 40 m circle: on the y axis, heading along -x."""
     node = fake()

@@ -41,6 +41,8 @@ MAX_FORCE, MAX_RATE = 1e4, 1e3
 """Beyond any accelerometer [m/s^2] and gyro [rad/s]: garbage, not motion."""
 MAX_POSITION, MAX_VARIANCE = 1e7, 1e14
 """Beyond any track [m] and any doubt about it [m^2]."""
+LEAST_VARIANCE = 1e-8
+"""Nothing is known better along a track: 0.1 mm [m^2]."""
 MAX_SPEED = 1e4
 """Beyond any vehicle on a track [m/s]."""
 BALISE_FRAME = 'balise_'
@@ -156,14 +158,19 @@ def full_pose(
 
 
 def chainage(msg: PoseWithCovarianceStamped, frame: str = 'track') -> tuple[float, float] | str:
-    """Return distance along the track [m] and its variance [m^2], or the reason why not."""
+    """
+    Return distance along the track [m] and its variance [m^2], or the reason why not.
+
+    Less than LEAST_VARIANCE is not believed: turned into axes of ``map`` it would be lost in
+    rounding.
+    """
     problem = header_problem(msg.header, frame)
     if problem is not None:
         return problem
     s, variance = msg.pose.pose.position.x, float(msg.pose.covariance[0])
     if not abs(s) < MAX_POSITION:
         return why_not((s,))
-    return variance_problem(variance) or (s, variance)
+    return variance_problem(variance) or (s, max(variance, LEAST_VARIANCE))
 
 
 def balise(msg: PoseWithCovarianceStamped) -> tuple[str, float, float] | str:
