@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import Estimate, FusedState, Prediction
 from coaster_localization.match_update import MatchUpdate
 from coaster_localization.observation import MatchObservation, problem
+from coaster_localization.replaying import SAME_S, plain_steps, repeat_steps
 from coaster_localization.start import (
     Rest,
     StartPose,
@@ -251,7 +253,9 @@ class CoasterEskf:
         return self._estimate(step, history.state)
 
     def _begin(self, state: FusedState) -> None:
-        self.history = History(self.apply, state, state.nav.time_s, self.config.history_s)
+        self.history = History(
+            self.apply, state, state.nav.time_s, self.config.history_s, self.apply_all
+        )
 
     def apply(self, state: FusedState, measurement: Prediction | MatchObservation) -> FusedState:
         """Return the state after one measurement: a pure function, so it can be replayed."""
@@ -261,7 +265,7 @@ class CoasterEskf:
         dt = step.time_s - nav.time_s
         if dt > 0.0:
             # Right after a start the step to the first sample is shorter than the sample's own.
-            q = measurement.q if abs(dt - step.dt) < 1e-9 else self.noise(step, dt)
+            q = measurement.q if abs(dt - step.dt) < SAME_S else self.noise(step, dt)
             nav = eskf.propagate(nav, step.f, step.w, dt, q, step.time_s)
             chainage = self.line.project(nav.position, state.chainage)
             state = FusedState(
@@ -270,6 +274,20 @@ class CoasterEskf:
         if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
             return self._zupt(state, step)
         return state
+
+    def apply_all(
+        self, state: FusedState, measurements: Sequence[Prediction | MatchObservation]
+    ) -> list[FusedState]:
+        """Return the states after each measurement, as ``apply`` on one after the other does."""
+        states: list[FusedState] = []
+        while len(states) < len(measurements):
+            steps = plain_steps(state.nav.time_s, measurements, len(states))
+            if steps:
+                states += repeat_steps(state, steps, self.line)
+            else:
+                states.append(self.apply(state, measurements[len(states)]))
+            state = states[-1]
+        return states
 
     def noise(self, step: ImuStep, dt: float) -> Array:
         """Return a step's process noise (4,): IMU, vibration, and what a gap leaves unknown."""

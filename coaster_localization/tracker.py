@@ -19,6 +19,10 @@ IntArray = NDArray[np.int64]
 PACES = np.array([0.6, 0.8, 0.9, 0.96, 1.0, 1.04, 1.1, 1.2, 1.4])
 """Rows of the design that a measured row advances by, on average."""
 NEGLIGIBLE = 1e-9
+UNLIKELIEST = 1e-12
+"""Least likelihood of a row against the likeliest: nothing is impossible."""
+RESCALED_AFTER = 8
+"""Steps back in time before chances are scaled again: ``UNLIKELIEST`` to this power is a number."""
 
 
 class Tracker:
@@ -114,15 +118,14 @@ HELD = np.array([0.999, 0.001, 0.0])
 
 
 @numba.njit(cache=True)
-def _change_pace(row: Array, wander: float) -> None:
-    """Let each pace pass to its neighbours, in place (P,); symmetric, so also backward."""
-    before = row[0]
-    for p in range(len(row)):
-        here = row[p]
-        up = row[p + 1] if p + 1 < len(row) else here
-        down = before if p > 0 else here
-        row[p] = here + wander * (up - here) + wander * (down - here)
-        before = here
+def _change_pace(paces: Array, wander: float, out: Array) -> None:
+    """Let each pace of (P, n) pass to its neighbours; symmetric, so also backward."""
+    P, n = paces.shape
+    for p in range(P):
+        up, down = min(p + 1, P - 1), max(p - 1, 0)
+        for j in range(n):
+            here = paces[p, j]
+            out[p, j] = here + wander * (paces[up, j] + paces[down, j] - 2.0 * here)
 
 
 @numba.njit(cache=True)
@@ -141,45 +144,42 @@ def _forward_step(
 ) -> float:
     """Fill ``new`` (P, n) from ``old``; return the expected distance of row and design."""
     P, n = new.shape
-    first, stop = old_range[0], min(old_range[1] + 2, n)
-    least = np.inf
+    first, last = old_range[0], old_range[1]
+    stop = min(last + 2, n)
+    distance = np.empty(stop - first)
     for j in range(first, stop):
         h = 0.0
         for c in range(len(row)):
             e = row[c] - design[j, c]
             h += e * e
-        likely[j] = h
-        least = min(least, h)
-    total = fit = 0.0
-    mixed = np.zeros((3, P))
+        distance[j - first] = h
+    least = distance.min()
     for j in range(first, stop):
-        mixed[0] = mixed[1]
-        mixed[1] = mixed[2]
-        if j < old_range[1]:
-            mixed[2] = old[:, j]
-            _change_pace(mixed[2], wander)
-        else:
-            mixed[2] = 0.0
-        h = likely[j]
-        likely[j] = np.exp(-0.5 * (h - least) / noise) + 1e-12
-        for p in range(P):
-            s = HELD if held else steps[p]
-            value = s[0] * mixed[2, p] + s[1] * mixed[1, p] + s[2] * mixed[0, p]
-            if j == n - 1:
-                value += (1.0 - s[0]) * mixed[2, p] + s[2] * mixed[1, p]
-            new[p, j] = value * likely[j]
-            total += new[p, j]
-            fit += new[p, j] * h
+        likely[j] = np.exp(-0.5 * (distance[j - first] - least) / noise) + UNLIKELIEST
+    # Two rows of nothing on either side: what is behind the first row and beyond the last.
+    mixed = np.zeros((P, stop - first + 2))
+    _change_pace(old[:, first:last], wander, mixed[:, 2 : last - first + 2])
+    total = np.zeros(stop - first)
+    for p in range(P):
+        stay, go, skip = HELD if held else steps[p]
+        for j in range(stop - first):
+            new[p, first + j] = stay * mixed[p, j + 2] + go * mixed[p, j + 1] + skip * mixed[p, j]
+        if stop == n:
+            # Nothing goes beyond the design's end.
+            new[p, n - 1] += (1.0 - stay) * mixed[p, n - first + 1] + skip * mixed[p, n - first]
+        for j in range(stop - first):
+            new[p, first + j] *= likely[first + j]
+            total[j] += new[p, first + j]
+    whole = total.sum()
+    for p in range(P):
+        for j in range(first, stop):
+            new[p, j] /= whole
     low, high = stop, first
     for j in range(first, stop):
-        here = 0.0
-        for p in range(P):
-            new[p, j] /= total
-            here += new[p, j]
-        if here > NEGLIGIBLE:
+        if total[j - first] > NEGLIGIBLE * whole:
             low, high = min(low, j), j + 1
     new_range[0], new_range[1] = low, high
-    return fit / total
+    return (total * distance).sum() / whole
 
 
 @numba.njit(cache=True)
@@ -194,30 +194,35 @@ def _look_back(
     wander: float,
 ) -> tuple[Array, int]:
     size, P, n = forward.shape
-    later_first, later_stop = ranges[now, 0], ranges[now, 1]
-    later = np.ones((later_stop - later_first, P))
+    first, stop = ranges[now, 0], ranges[now, 1]
+    later = np.ones((P, stop - first))
     slot = now
-    for _ in range(lag):
-        earlier_slot = (slot - 1) % size
-        first, stop = ranges[earlier_slot, 0], ranges[earlier_slot, 1]
-        earlier = np.zeros((stop - first, P))
-        largest = 0.0
-        for j in range(first, stop):
-            for p in range(P):
-                s = HELD if held[slot] else steps[p]
-                value = 0.0
-                for k in range(3):
-                    q = min(j + k, n - 1)
-                    if later_first <= q < later_stop:
-                        value += s[k] * likely[slot, q] * later[q - later_first, p]
-                earlier[j - first, p] = value
-            _change_pace(earlier[j - first], wander)
-            largest = max(largest, earlier[j - first].max())
-        earlier /= max(largest, 1e-300)
-        later, later_first, later_stop, slot = earlier, first, stop, earlier_slot
-    out = np.empty(later_stop - later_first)
-    for j in range(len(out)):
-        out[j] = 0.0
+    for step in range(lag):
+        before = (slot - 1) % size
+        later_first, later_stop = first, stop
+        first, stop = ranges[before, 0], ranges[before, 1]
+        # Rows first..stop + 1 of what comes later, the last row of the design standing for all
+        # beyond it.
+        reached = np.zeros((P, stop - first + 2))
         for p in range(P):
-            out[j] += forward[slot, p, later_first + j] * later[j, p]
-    return out / max(out.sum(), 1e-300), later_first
+            for j in range(max(first, later_first), min(stop + 2, later_stop)):
+                reached[p, j - first] = likely[slot, j] * later[p, j - later_first]
+            for j in range(n, stop + 2):
+                reached[p, j - first] = reached[p, n - 1 - first]
+        earlier = np.empty((P, stop - first))
+        for p in range(P):
+            stay, go, skip = HELD if held[slot] else steps[p]
+            for j in range(stop - first):
+                earlier[p, j] = (
+                    stay * reached[p, j] + go * reached[p, j + 1] + skip * reached[p, j + 2]
+                )
+        later = np.empty((P, stop - first))
+        _change_pace(earlier, wander, later)
+        if step % RESCALED_AFTER == 0:
+            later /= max(later.max(), 1e-300)
+        slot = before
+    out = np.zeros(stop - first)
+    for p in range(P):
+        for j in range(stop - first):
+            out[j] += forward[slot, p, first + j] * later[p, j]
+    return out / max(out.sum(), 1e-300), first

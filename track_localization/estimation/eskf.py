@@ -13,12 +13,10 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from track_localization.estimation.so3 import exp_one, log_one, normalised_one
-from track_localization.estimation.strapdown import dead_reckon_one
+from track_localization.estimation import eskf_kernels as kernels
 
 Array = NDArray[np.float64]
 
@@ -153,7 +151,7 @@ def propagate(
     ``q`` (4,) as ``process_noise`` gives it; ``time_s`` is the new stamp where a sum of steps
     would be too coarse.
     """
-    x, P = _propagate(state.x, state.P, f, w, dt, q)
+    x, P, _ = kernels.predict(state.x, state.P, f, w, dt, q)
     return State(state.time_s + dt if time_s is None else time_s, x, P)
 
 
@@ -161,13 +159,13 @@ def predict(
     x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
 ) -> tuple[Array, Array, Array]:
     """Return nominal state, covariance and transition F of one step: what a smoother needs."""
-    x_new, P_new = _propagate(x, P, f, w, dt, q)
-    return x_new, P_new, _transition(x, f, w, dt)
+    out: tuple[Array, Array, Array] = kernels.predict(x, P, f, w, dt, q)
+    return out
 
 
 def pose_covariance(state: State) -> Array:
     """Return the covariance (6, 6) of position [m] and of rotation about the map's axes [rad]."""
-    out: Array = _pose_covariance(state.x, state.P)
+    out: Array = kernels.pose_covariance(state.x, state.P)
     return out
 
 
@@ -177,7 +175,7 @@ def twist_covariance(state: State, rate_sigma: float) -> Array:
 
     ``rate_sigma``: standard deviation of a rate's noise [rad/s].
     """
-    out: Array = _twist_covariance(state.x, state.P, rate_sigma)
+    out: Array = kernels.twist_covariance(state.x, state.P, rate_sigma)
     return out
 
 
@@ -193,146 +191,23 @@ def update(state: State, nu: Array, H: Array, R: Array) -> State:
 
     Joseph form; the covariance is carried through the reset of the attitude error (eqs 23-27).
     """
-    x, P = _update(state.x, state.P, nu, H, R)
+    x, P = kernels.update(state.x, state.P, nu, H, R)
     return State(state.time_s, x, P)
 
 
 def transition(state: State, f: Array, w: Array, dt: float) -> Array:
     """Return F (18, 18), the error transition that ``propagate`` uses from ``state``."""
-    F: Array = _transition(state.x, f, w, dt)
+    F: Array = kernels.transition(state.x, f, w, dt)
     return F
 
 
 def box_plus(x: Array, error: Array) -> Array:
     """Return the nominal state (24,) with an error (18,) added."""
-    out: Array = _box_plus(x, error)
+    out: Array = kernels.box_plus(x, error)
     return out
 
 
 def box_minus(x: Array, reference: Array) -> Array:
     """Return the error (18,) that takes ``reference`` (24,) to ``x``: the inverse of box_plus."""
-    out: Array = _box_minus(x, reference)
-    return out
-
-
-@numba.njit(cache=True)
-def _box_minus(x: Array, reference: Array) -> Array:
-    out = np.empty(18)
-    out[0:6] = x[0:6] - reference[0:6]
-    R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
-    R_ref = np.ascontiguousarray(reference[6:15]).reshape((3, 3))
-    out[6:9] = log_one(np.ascontiguousarray(R_ref.T) @ R)
-    out[9:18] = x[15:24] - reference[15:24]
-    return out
-
-
-@numba.njit(cache=True)
-def _box_plus(x: Array, e: Array) -> Array:
-    out = x.copy()
-    out[0:6] += e[0:6]
-    R = np.ascontiguousarray(x[6:15]).reshape((3, 3)) @ exp_one(e[6:9])
-    out[6:15] = normalised_one(R).ravel()
-    out[15:24] += e[9:18]
-    return out
-
-
-@numba.njit(cache=True)
-def _transition(x: Array, f: Array, w: Array, dt: float) -> Array:
-    R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
-    a, rate = f - x[15:18], w - x[18:21]
-    R_mid = R @ exp_one(rate * (0.5 * dt))
-    F = np.eye(18)
-    skew = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-    v_theta = -(R_mid @ skew) * dt
-    for i in range(3):
-        F[i, 3 + i] = dt
-        F[i, 15 + i] = 0.5 * dt * dt
-        F[3 + i, 15 + i] = dt
-        F[6 + i, 12 + i] = -dt
-        for j in range(3):
-            F[i, 6 + j] = 0.5 * dt * v_theta[i, j]
-            F[i, 9 + j] = -0.5 * dt * dt * R_mid[i, j]
-            F[3 + i, 6 + j] = v_theta[i, j]
-            F[3 + i, 9 + j] = -R_mid[i, j] * dt
-    F[6:9, 6:9] = exp_one(-rate * dt)
-    return F
-
-
-@numba.njit(cache=True)
-def _propagate(x: Array, P: Array, f: Array, w: Array, dt: float, q: Array) -> tuple[Array, Array]:
-    F = _transition(x, f, w, dt)
-    out = x.copy()
-    R = np.ascontiguousarray(x[6:15]).reshape((3, 3))
-    p, v, R_new = dead_reckon_one(x[0:3], x[3:6], R, f - x[15:18], w - x[18:21], x[21:24], dt)
-    out[0:3], out[3:6], out[6:15] = p, v, R_new.ravel()
-    P_new = _sandwich(F, P)
-    for i in range(3):
-        P_new[i, i] += q[0] * dt * dt / 3.0
-        P_new[i, 3 + i] += q[0] * dt / 2.0
-        P_new[3 + i, i] += q[0] * dt / 2.0
-        P_new[3 + i, 3 + i] += q[0]
-        P_new[6 + i, 6 + i] += q[1]
-        P_new[9 + i, 9 + i] += q[2]
-        P_new[12 + i, 12 + i] += q[3]
-    return out, P_new
-
-
-@numba.njit(cache=True)
-def _sandwich(F: Array, P: Array) -> Array:
-    """Return F P F', exactly symmetric. Rows 9:18 of F are those of the identity."""
-    FP = P.copy()
-    for i in range(9):
-        for j in range(18):
-            FP[i, j] = 0.0
-        for k in range(18):
-            value = F[i, k]
-            if value != 0.0:
-                for j in range(18):
-                    FP[i, j] += value * P[k, j]
-    out = FP.copy()
-    for j in range(9):
-        for i in range(j, 18):
-            total = 0.0
-            for k in range(18):
-                total += FP[i, k] * F[j, k]
-            out[i, j] = total
-            out[j, i] = total
-    return out
-
-
-@numba.njit(cache=True)
-def _update(x: Array, P: Array, nu: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    PHt = P @ np.ascontiguousarray(H.T)
-    S = H @ PHt + R
-    K = np.ascontiguousarray(np.linalg.solve(S, np.ascontiguousarray(PHt.T)).T)
-    error = K @ nu
-    A = np.eye(18) - K @ H
-    P_new = A @ P @ np.ascontiguousarray(A.T) + K @ R @ np.ascontiguousarray(K.T)
-    # Reset: the attitude error is now measured from the corrected attitude.
-    e = error[6:9]
-    G = np.eye(18)
-    G[6:9, 6:9] = exp_one(-0.5 * e)
-    P_new = G @ P_new @ np.ascontiguousarray(G.T)
-    return _box_plus(x, error), 0.5 * (P_new + P_new.T)
-
-
-@numba.njit(cache=True)
-def _pose_covariance(x: Array, P: Array) -> Array:
-    T = np.zeros((6, 18))
-    T[0:3, 0:3] = np.eye(3)
-    T[3:6, 6:9] = x[6:15].reshape((3, 3))
-    return T @ P @ np.ascontiguousarray(T.T)
-
-
-@numba.njit(cache=True)
-def _twist_covariance(x: Array, P: Array, rate_sigma: float) -> Array:
-    R_bn = np.ascontiguousarray(x[6:15].reshape((3, 3)).T)
-    v = R_bn @ x[3:6]
-    J = np.zeros((6, 18))
-    J[0:3, 3:6] = R_bn
-    J[0:3, 6:9] = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    J[3:6, 12:15] = -np.eye(3)
-    out = J @ P @ np.ascontiguousarray(J.T)
-    for i in range(3, 6):
-        out[i, i] += rate_sigma**2
+    out: Array = kernels.box_minus(x, reference)
     return out

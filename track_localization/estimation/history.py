@@ -10,8 +10,8 @@ the order of arrival.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic, TypeVar, cast
 
 S = TypeVar('S')
 M = TypeVar('M')
@@ -29,9 +29,21 @@ class History(Generic[S, M]):
     """
 
     def __init__(
-        self, apply: Callable[[S, M], S], state: S, time_s: float, horizon_s: float
+        self,
+        apply: Callable[[S, M], S],
+        state: S,
+        time_s: float,
+        horizon_s: float,
+        apply_all: Callable[[S, Sequence[M]], Sequence[S]] | None = None,
     ) -> None:
+        """
+        Begin with ``state`` at ``time_s`` [s].
+
+        ``apply_all`` returns the states after each of several measurements, where there is a
+        quicker way than one ``apply`` after the other; the outcome must be the same.
+        """
         self._apply = apply
+        self._apply_all = apply_all or self._one_by_one
         self._horizon_s = horizon_s
         self._keys: list[tuple[float, int]] = [(time_s, -1)]
         self._measurements: list[M | None] = [None]
@@ -75,14 +87,19 @@ class History(Generic[S, M]):
         self._measurements.insert(index, measurement)
         state = self._apply(self._states[index - 1], measurement)
         self._states.insert(index, state)
-        for i in range(index + 1, len(self._keys)):
-            later = self._measurements[i]
-            if later is not None:
-                state = self._apply(state, later)
-                self._states[i] = state
-        replayed = len(self._keys) - 1 - index
+        later = cast('list[M]', self._measurements[index + 1 :])
+        if later:
+            self._states[index + 1 :] = self._apply_all(state, later)
+        replayed = len(later)
         self._trim()
         return replayed
+
+    def _one_by_one(self, state: S, measurements: Sequence[M]) -> list[S]:
+        states = []
+        for measurement in measurements:
+            state = self._apply(state, measurement)
+            states.append(state)
+        return states
 
     def entries(self) -> Iterator[tuple[float, M | None, S]]:
         """Yield (stamp, measurement, state after it) in time order; the first has None."""

@@ -106,9 +106,28 @@ def log_one(R: Array) -> Array:
 
 
 @numba.njit(cache=True)
+def product_one(A: Array, B: Array) -> Array:
+    """Return ``A B`` of two matrices (3, 3); calling BLAS would cost more than the product."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    return out
+
+
+@numba.njit(cache=True)
+def turned_one(R: Array, v: Array) -> Array:
+    """Return ``R v`` of a matrix (3, 3) and a vector (3,)."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+    return out
+
+
+@numba.njit(cache=True)
 def normalised_one(R: Array) -> Array:
     """Return the rotation nearest to an almost orthonormal matrix (one Newton step)."""
-    return 1.5 * R - 0.5 * R @ (R.T @ R)
+    return 1.5 * R - 0.5 * product_one(R, product_one(R.T, R))
 
 
 @numba.njit(cache=True)

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from track_localization import GRAVITY
 from track_localization.estimation.imu import ImuSeries
-from track_localization.estimation.so3 import exp_one, normalised_one
+from track_localization.estimation.so3 import exp_one, normalised_one, product_one, turned_one
 
 Array = NDArray[np.float64]
 
@@ -113,12 +113,13 @@ def dead_reckon_one(
     ``f`` and ``w`` are the bias-free means over the interval (paper 1, eq. 17, with the attitude
     taken at the interval's middle, which makes the rule second order). ``g`` (3,) points down.
     """
-    R_mid = R @ exp_one(w * (0.5 * dt))
-    a = R_mid @ f + g
+    half = exp_one(w * (0.5 * dt))
+    R_mid = product_one(R, half)
+    a = turned_one(R_mid, f) + g
     return (
         p + v * dt + a * (0.5 * dt * dt),
         v + a * dt,
-        normalised_one(R_mid @ exp_one(w * 0.5 * dt)),
+        normalised_one(product_one(R_mid, half)),
     )
 
 

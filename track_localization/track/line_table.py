@@ -77,7 +77,7 @@ class LineTable:
     def project(self, p: Array, near: float) -> float:
         """Return the chainage whose normal plane holds ``p`` (3,), found from ``near`` [m]."""
         return float(
-            _project(
+            project_one(
                 self.position,
                 self.axes,
                 self.stretch,
@@ -91,7 +91,7 @@ class LineTable:
 
 
 @numba.njit(cache=True)
-def _project(
+def project_one(
     position: Array,
     axes: Array,
     stretch: Array,
@@ -101,6 +101,7 @@ def _project(
     p: Array,
     near: float,
 ) -> float:
+    """Return what ``LineTable.project`` does, from the table's own columns."""
     s = near
     last = len(position) - 1
     for _ in range(10):

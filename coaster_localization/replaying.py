@@ -1,0 +1,104 @@
+"""
+Many IMU steps at once: what a late match makes the filter repeat, in compiled code.
+
+The same arithmetic as one step after the other, without going back to Python in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from coaster_localization.estimate import FusedState, Prediction
+from coaster_localization.observation import MatchObservation
+from track_localization.estimation.eskf import State
+from track_localization.estimation.eskf_kernels import predict
+from track_localization.track.line_table import LineTable, project_one
+
+Array = NDArray[np.float64]
+
+
+SAME_S = 1e-9
+"""Two spans of time that differ by less are the same [s]."""
+
+
+def plain_steps(
+    time_s: float, measurements: Sequence[Prediction | MatchObservation], first: int
+) -> list[Prediction]:
+    """
+    Return the steps from ``measurements[first]`` on, up to one that needs more than predicting.
+
+    More is a match, a standstill, or a step that does not begin at ``time_s`` [s], or where the
+    one before it ended, and so needs its noise anew.
+    """
+    steps: list[Prediction] = []
+    for k in range(first, len(measurements)):
+        measurement = measurements[k]
+        if isinstance(measurement, MatchObservation) or measurement.quiet:
+            break
+        step = measurement.step
+        dt = step.time_s - time_s
+        if dt <= 0.0 or abs(dt - step.dt) >= SAME_S:
+            break
+        steps.append(measurement)
+        time_s = step.time_s
+    return steps
+
+
+def repeat_steps(
+    state: FusedState, predictions: Sequence[Prediction], line: LineTable
+) -> list[FusedState]:
+    """
+    Return the states after each of ``predictions``, in order of time, from ``state`` on.
+
+    They are such as ``plain_steps`` returns, at least one.
+    """
+    steps = [p.step for p in predictions]
+    x, P, chainage = _repeat(
+        state.nav.x,
+        state.nav.P,
+        state.chainage,
+        np.array([s.f for s in steps]),
+        np.array([s.w for s in steps]),
+        np.diff([state.nav.time_s, *(s.time_s for s in steps)]),
+        np.array([p.q for p in predictions]),
+        line.position,
+        line.axes,
+        line.stretch,
+        line.step_m,
+        line.length,
+        line.closed,
+    )
+    rest = state[2:]
+    return [
+        FusedState(State(step.time_s, x[k], P[k]), s, *rest)
+        for k, (step, s) in enumerate(zip(steps, chainage.tolist(), strict=True))
+    ]
+
+
+@numba.njit(cache=True)
+def _repeat(
+    x: Array,
+    P: Array,
+    s: float,
+    f: Array,
+    w: Array,
+    dt: Array,
+    q: Array,
+    position: Array,
+    axes: Array,
+    stretch: Array,
+    step_m: float,
+    length: float,
+    closed: bool,
+) -> tuple[Array, Array, Array]:
+    count = len(dt)
+    xs, Ps, chainage = np.empty((count, len(x))), np.empty((count, *P.shape)), np.empty(count)
+    for k in range(count):
+        x, P, _ = predict(x, P, f[k], w[k], dt[k], q[k])
+        s = project_one(position, axes, stretch, step_m, length, closed, x[0:3], s)
+        xs[k], Ps[k], chainage[k] = x, P, s
+    return xs, Ps, chainage

@@ -1,0 +1,155 @@
+"""
+The compiled arithmetic of ``eskf``: see there for what the numbers of a state mean.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from track_localization.estimation.so3 import (
+    exp_one,
+    log_one,
+    normalised_one,
+    product_one,
+)
+from track_localization.estimation.strapdown import dead_reckon_one
+
+Array = NDArray[np.float64]
+
+
+@numba.njit(cache=True)
+def box_minus(x: Array, reference: Array) -> Array:
+    out = np.empty(18)
+    out[0:6] = x[0:6] - reference[0:6]
+    R, R_ref = x[6:15].reshape((3, 3)), reference[6:15].reshape((3, 3))
+    out[6:9] = log_one(product_one(R_ref.T, R))
+    out[9:18] = x[15:24] - reference[15:24]
+    return out
+
+
+@numba.njit(cache=True)
+def box_plus(x: Array, e: Array) -> Array:
+    out = x.copy()
+    out[0:6] += e[0:6]
+    R = product_one(x[6:15].reshape((3, 3)), exp_one(e[6:9]))
+    out[6:15] = normalised_one(R).ravel()
+    out[15:24] += e[9:18]
+    return out
+
+
+@numba.njit(cache=True)
+def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
+    R = x[6:15].reshape((3, 3))
+    a, rate = f - x[15:18], w - x[18:21]
+    R_mid = product_one(R, exp_one(rate * (0.5 * dt)))
+    F = np.zeros((18, 18))
+    for i in range(18):
+        F[i, i] = 1.0
+    F[6:9, 6:9] = exp_one(-rate * dt)
+    for i in range(3):
+        F[i, 3 + i] = dt
+        F[3 + i, 15 + i] = dt
+        F[6 + i, 12 + i] = -dt
+        # -R [a x] dt, row by row
+        F[3 + i, 6] = (R_mid[i, 2] * a[1] - R_mid[i, 1] * a[2]) * dt
+        F[3 + i, 7] = (R_mid[i, 0] * a[2] - R_mid[i, 2] * a[0]) * dt
+        F[3 + i, 8] = (R_mid[i, 1] * a[0] - R_mid[i, 0] * a[1]) * dt
+        for j in range(3):
+            F[3 + i, 9 + j] = -R_mid[i, j] * dt
+        # The position moves by half of what the velocity gains.
+        F[i, 15 + i] = 0.5 * dt * dt
+        for j in range(6, 12):
+            F[i, j] = 0.5 * dt * F[3 + i, j]
+    return F
+
+
+@numba.njit(cache=True)
+def predict(
+    x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
+) -> tuple[Array, Array, Array]:
+    F = transition(x, f, w, dt)
+    out = x.copy()
+    R = x[6:15].reshape((3, 3))
+    p, v, R_new = dead_reckon_one(x[0:3], x[3:6], R, f - x[15:18], w - x[18:21], x[21:24], dt)
+    out[0:3], out[3:6], out[6:15] = p, v, R_new.ravel()
+    P_new = sandwich(F, P)
+    for i in range(3):
+        P_new[i, i] += q[0] * dt * dt / 3.0
+        P_new[i, 3 + i] += q[0] * dt / 2.0
+        P_new[3 + i, i] += q[0] * dt / 2.0
+        P_new[3 + i, 3 + i] += q[0]
+        P_new[6 + i, 6 + i] += q[1]
+        P_new[9 + i, 9 + i] += q[2]
+        P_new[12 + i, 12 + i] += q[3]
+    return out, P_new, F
+
+
+@numba.njit(cache=True)
+def sandwich(F: Array, P: Array) -> Array:
+    """Return F P F', exactly symmetric, of an F as ``transition`` makes it."""
+    half, out = np.empty((18, 18)), np.empty((18, 18))
+    rows_times(F, P, half)
+    rows_times(F, half.T, out)
+    for i in range(18):
+        for j in range(i):
+            out[i, j] = out[j, i]
+    return out
+
+
+@numba.njit(cache=True)
+def rows_times(F: Array, M: Array, out: Array) -> None:
+    """Set ``out`` to F M, block by block: most of F is nought, or part of the identity."""
+    dt = F[0, 3]
+    for j in range(18):
+        for i in range(9, 18):
+            out[i, j] = M[i, j]
+        for i in range(3):
+            gained = dt * M[15 + i, j]
+            for k in range(6, 12):
+                gained += F[3 + i, k] * M[k, j]
+            out[3 + i, j] = M[3 + i, j] + gained
+            out[i, j] = M[i, j] + dt * (M[3 + i, j] + 0.5 * gained)
+            turned = -dt * M[12 + i, j]
+            for k in range(6, 9):
+                turned += F[6 + i, k] * M[k, j]
+            out[6 + i, j] = turned
+
+
+@numba.njit(cache=True)
+def update(x: Array, P: Array, nu: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    PHt = P @ np.ascontiguousarray(H.T)
+    S = H @ PHt + R
+    K = np.ascontiguousarray(np.linalg.solve(S, np.ascontiguousarray(PHt.T)).T)
+    error = K @ nu
+    A = np.eye(18) - K @ H
+    P_new = A @ P @ np.ascontiguousarray(A.T) + K @ R @ np.ascontiguousarray(K.T)
+    # Reset: the attitude error is now measured from the corrected attitude.
+    e = error[6:9]
+    G = np.eye(18)
+    G[6:9, 6:9] = exp_one(-0.5 * e)
+    P_new = G @ P_new @ np.ascontiguousarray(G.T)
+    return box_plus(x, error), 0.5 * (P_new + P_new.T)
+
+
+@numba.njit(cache=True)
+def pose_covariance(x: Array, P: Array) -> Array:
+    T = np.zeros((6, 18))
+    T[0:3, 0:3] = np.eye(3)
+    T[3:6, 6:9] = x[6:15].reshape((3, 3))
+    return T @ P @ np.ascontiguousarray(T.T)
+
+
+@numba.njit(cache=True)
+def twist_covariance(x: Array, P: Array, rate_sigma: float) -> Array:
+    R_bn = np.ascontiguousarray(x[6:15].reshape((3, 3)).T)
+    v = R_bn @ x[3:6]
+    J = np.zeros((6, 18))
+    J[0:3, 3:6] = R_bn
+    J[0:3, 6:9] = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    J[3:6, 12:15] = -np.eye(3)
+    out = J @ P @ np.ascontiguousarray(J.T)
+    for i in range(3, 6):
+        out[i, i] += rate_sigma**2
+    return out
