@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.imu_monitor import ImuStep
+from track_localization.track.line_table import LineTable
 
 Array = NDArray[np.float64]
 
@@ -48,31 +49,40 @@ class Prediction(NamedTuple):
     quiet: bool
 
 
-@dataclasses.dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """
-    Where the vehicle is at ``time_s``; covariances are computed when asked for.
+    Where the vehicle is after an IMU step; what follows from the state is computed when asked for.
 
     Attributes:
-        time_s: stamp of the IMU sample [s].
+        step: what the IMU showed.
         nav: the filter's state.
-        angular_rate: (3,) in the body [rad/s].
-        rate_sigma: standard deviation of the rate's noise [rad/s].
         chainage: along the line [m].
-        tangent: (3,) of the line there, in ``map``.
+        line: the line.
+        gyro_noise: angle random walk [rad/s/sqrt(Hz)].
     """
 
-    time_s: float
+    step: ImuStep
     nav: eskf.State
-    angular_rate: Array
-    rate_sigma: float
     chainage: float
-    tangent: Array
+    line: LineTable
+    gyro_noise: float
+
+    @property
+    def time_s(self) -> float:
+        """Stamp of the IMU sample [s]."""
+        return self.step.time_s
+
+    @property
+    def angular_rate(self) -> Array:
+        """Angular rate (3,) in the body [rad/s]."""
+        rate: Array = self.step.w - self.nav.gyro_bias
+        return rate
 
     @property
     def sigma_along(self) -> float:
         """Standard deviation of the position along the line [m]."""
-        return float(np.sqrt(self.tangent @ self.nav.P[0:3, 0:3] @ self.tangent))
+        tangent = self.line.axes[self.line.index(self.chainage), :, 0]
+        return float(np.sqrt(tangent @ self.nav.P[0:3, 0:3] @ tangent))
 
     @property
     def position(self) -> Array:
@@ -103,4 +113,5 @@ class Estimate:
     @property
     def twist_covariance(self) -> Array:
         """Covariance (6, 6) of the body-frame velocity [m/s] and angular rate [rad/s]."""
-        return eskf.twist_covariance(self.nav, self.rate_sigma)
+        rate_sigma = self.gyro_noise / math.sqrt(max(self.step.dt, 1e-4))
+        return eskf.twist_covariance(self.nav, rate_sigma)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import FusedState
-from coaster_localization.observation import MatchObservation, observation_covariance
+from coaster_localization.observation import MatchObservation
 from track_localization.estimation import eskf
 from track_localization.track.line_table import LineTable
 
@@ -53,13 +53,13 @@ class MatchUpdate:
         nav = state.nav
         lambda_x = self.config.lambda_x
         lambda_y = lambda_x / self.config.n
-        V = observation_covariance(nav.R_nb, lambda_x, lambda_y, lambda_y)
+        V = (nav.R_nb * (lambda_x, lambda_y, lambda_y)) @ nav.R_nb.T
         H = np.zeros((3, eskf.ERROR_STATES))
         H[:, eskf.POSITION] = np.eye(3)
         dt = match.time_s - nav.time_s
         H[:, eskf.VELOCITY] = np.eye(3) * dt
         nu = match.position - nav.position - nav.velocity * dt
-        self.last_nis = float(nu @ np.linalg.solve(eskf.innovation_covariance(nav, H, V), nu))
+        self.last_nis = eskf.nis(nav, nu, H, V)
         nav = eskf.update(nav, nu, H, V)
         return self._done(state, nav, match)
 

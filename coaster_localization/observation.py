@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from track_localization.estimation.cholesky import lower_root
 
 Array = NDArray[np.float64]
 
@@ -48,11 +51,17 @@ def problem(match: MatchObservation) -> str | None:
     """Return why a match cannot be fused, or None: the reasons are those of the diagnostics."""
     if not np.isfinite(match.time_s):
         return 'not_finite'
-    if not (np.isfinite(match.position).all() and np.isfinite(match.covariance).all()):
-        return 'not_finite'
-    V = match.covariance
-    if np.abs(V - V.T).max() > 1e-6 * max(1.0, float(np.abs(V).max())):
-        return 'covariance_not_symmetric'
-    if float(np.linalg.eigvalsh(V)[0]) <= 0.0:
-        return 'covariance_not_positive'
-    return None
+    return PROBLEMS[_problem(match.position, match.covariance)]
+
+
+PROBLEMS = (None, 'not_finite', 'covariance_not_symmetric', 'covariance_not_positive')
+
+
+@numba.njit(cache=True)
+def _problem(position: Array, V: Array) -> int:
+    """Return the place in PROBLEMS of what is wrong."""
+    if not (np.isfinite(position).all() and np.isfinite(V).all()):
+        return 1
+    if np.abs(V - V.T).max() > 1e-6 * max(1.0, np.abs(V).max()):
+        return 2
+    return 0 if lower_root(V)[1] else 3

@@ -18,7 +18,7 @@ from coaster_localization.ticks import Ticker
 from coaster_localization.tracker import Tracker
 from track_localization.errors import DataError
 from track_localization.estimation import so3
-from track_localization.estimation.imu import ImuSample
+from track_localization.estimation.imu import ImuSample, largest_part
 from track_localization.track.design_ride import DesignRide
 
 Array = NDArray[np.float64]
@@ -75,16 +75,16 @@ class OnlineMatcher:
 
     def push(self, sample: ImuSample) -> list[MatchObservation]:
         """Take a sample; return the matches that are due, stamped with the sample matched."""
-        has_gyro = bool(np.isfinite(sample.angular_rate).all())
+        force, rate = largest_part(sample.specific_force), largest_part(sample.angular_rate)
+        has_gyro = not math.isnan(rate)
         if has_gyro and self._has_gyro is False:
             self.reset()
         if self._has_gyro is None:
             self._has_gyro = has_gyro
-        if not np.isfinite(sample.specific_force).all() or (self._has_gyro and not has_gyro):
+        if math.isnan(force) or (self._has_gyro and not has_gyro):
             self.rejected['not_finite'] += 1
             return []
-        largest = max(np.abs(sample.specific_force).max(), np.abs(sample.angular_rate).max())
-        if largest > LARGEST_VALUE:
+        if force > LARGEST_VALUE or rate > LARGEST_VALUE:
             self.rejected['out_of_range'] += 1
             return []
         verdict = self._stamps(sample.time_s)
@@ -98,9 +98,9 @@ class OnlineMatcher:
         elif verdict != 'good':
             self.rejected[verdict] += 1
             return []
-        rate = sample.angular_rate if self._has_gyro else NO_RATE
+        measured = sample.angular_rate if self._has_gyro else NO_RATE
         found = []
-        for time_s, row in self._ticker.push(sample.time_s, sample.specific_force, rate):
+        for time_s, row in self._ticker.push(sample.time_s, sample.specific_force, measured):
             match = self._tick(time_s, row)
             if match is not None:
                 found.append(match)

@@ -30,7 +30,7 @@ from track_localization import GRAVITY
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.history import History, TooLateError
-from track_localization.estimation.imu import ImuSample
+from track_localization.estimation.imu import ImuSample, largest_part
 from track_localization.estimation.imu_monitor import ClockGuard, ImuMonitor, ImuStep
 from track_localization.track.centreline import Centreline
 from track_localization.track.design_ride import DesignRide
@@ -150,7 +150,8 @@ class CoasterEskf:
         }
 
     def _push_imu(self, sample: ImuSample) -> list[Estimate]:
-        if not math.isfinite(sample.specific_force.sum() + sample.angular_rate.sum()):
+        parts = largest_part(sample.specific_force) + largest_part(sample.angular_rate)
+        if math.isnan(parts):
             self._rejections.add('imu', 'not_finite')
             return []
         verdict = self._clock.check(sample.time_s)
@@ -250,7 +251,8 @@ class CoasterEskf:
         step = self._monitor.push(sample)
         prediction = Prediction(step, self.noise(step, step.dt), self._quiet(step))
         history.add(step.time_s, prediction)
-        return self._estimate(step, history.state)
+        state = history.state
+        return Estimate(step, state.nav, state.chainage, self.line, self.config.gyro_noise)
 
     def _begin(self, state: FusedState) -> None:
         self.history = History(
@@ -326,9 +328,3 @@ class CoasterEskf:
             and step.w_std < min(max(3.0 * self._rest.rate_std, 0.005), 0.03)
             and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
         )
-
-    def _estimate(self, step: ImuStep, state: FusedState) -> Estimate:
-        tangent = self.line.axes[self.line.index(state.chainage), :, 0]
-        rate_sigma = self.config.gyro_noise / math.sqrt(max(step.dt, 1e-4))
-        rate = step.w - state.nav.gyro_bias
-        return Estimate(step.time_s, state.nav, rate, rate_sigma, state.chainage, tangent)

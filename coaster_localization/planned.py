@@ -37,10 +37,15 @@ class Features:
     def __call__(self, rows: Array, standing: NDArray[np.bool_]) -> Array:
         """Return features (N, F) of ticks (N, 9+), going on from the last call."""
         smooth = self._low_pass(rows[:, self._columns] / self._units)
-        before = smooth[:1] if self._last is None else self._last
-        slope = self._gain * np.diff(smooth, axis=0, prepend=before)
-        self._last = smooth[-1:]
-        return np.hstack([smooth, slope, self._standing * standing[:, None]])
+        n, channels = smooth.shape
+        out = np.empty((n, 2 * channels + 1))
+        out[:, :channels] = smooth
+        out[0, channels:-1] = smooth[0] - (smooth[0] if self._last is None else self._last)
+        out[1:, channels:-1] = smooth[1:] - smooth[:-1]
+        out[:, channels:-1] *= self._gain
+        out[:, -1] = self._standing * standing
+        self._last = smooth[-1]
+        return out
 
 
 class PlannedRows:

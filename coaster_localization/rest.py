@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +32,9 @@ class RestWatch:
     def __init__(self, rate_hz: float) -> None:
         """Expect rows of a Ticker at ``rate_hz``."""
         self._step = 1.0 / rate_hz
-        self._recent: deque[Array] = deque(maxlen=max(8, round(rate_hz)))
+        # The latest rows, the newest last; of the first ``_missing`` nothing is known yet.
+        self._recent = np.zeros((max(8, round(rate_hz)), WIDTH))
+        self._missing = len(self._recent)
         self._short = max(4, round(0.6 * rate_hz))
         self.known = False
         self.held_s = 0.0
@@ -53,14 +54,16 @@ class RestWatch:
 
     def push(self, row: Array) -> bool:
         """Take a row; return whether the sensor stands still."""
-        oldest = self._recent[0] if self._recent else row
-        self._recent.append(row)
+        oldest = self._recent[0].copy()
+        self._recent[:-1] = self._recent[1:]
+        self._recent[-1] = row
+        self._missing = max(self._missing - 1, 0)
         if not (self._as_quiet_as_before() if self.known else self._quiet()):
             self.held_s, self._learnt = 0.0, 0
             return False
         if not self.known:
             self.known = True
-            self._learn(np.array(self._recent).mean(axis=0), len(self._recent))
+            self._learn(self._recent.mean(axis=0), len(self._recent))
         elif self.held_s > len(self._recent) * self._step:
             self._learn(oldest, 1)
         self.held_s += self._step
@@ -76,9 +79,9 @@ class RestWatch:
         self._mean = self._mean + share * (mean - self._mean)
 
     def _quiet(self) -> bool:
-        if len(self._recent) < (self._recent.maxlen or 0):
+        if self._missing:
             return False
-        rows = np.array(self._recent)
+        rows = self._recent
         return bool(
             (rows[:, FORCE].std(axis=0) < REST_FORCE_STD).all()
             and (rows[:, RATE].std(axis=0) < REST_RATE_STD).all()
@@ -86,8 +89,14 @@ class RestWatch:
         )
 
     def _as_quiet_as_before(self) -> bool:
-        mean = np.array(self._recent)[-self._short :].mean(axis=0)
-        limit = 1.5 * self._mean[SHAKE] + SHAKE_FLOOR
-        lengths = np.linalg.norm(mean[FORCE]) * np.linalg.norm(self.gravity)
-        level = mean[FORCE] @ self.gravity > LEVEL_AS_IN_STATION * lengths
-        return bool((mean[SHAKE] < limit).all() and level)
+        return bool(_as_quiet(self._recent[-self._short :], self._mean))
+
+
+@numba.njit(cache=True)
+def _as_quiet(rows: Array, rest: Array) -> bool:
+    """Tell whether the mean of rows (N, WIDTH) shakes and stands like a mean row at rest."""
+    mean = rows.sum(axis=0) / len(rows)
+    force, gravity = mean[FORCE], rest[FORCE]
+    lengths = np.sqrt((force**2).sum() * (gravity**2).sum())
+    level = (force * gravity).sum() > LEVEL_AS_IN_STATION * lengths
+    return level and np.all(mean[SHAKE] < 1.5 * rest[SHAKE] + SHAKE_FLOOR)

@@ -11,6 +11,7 @@ new arrays, so that a history of them can be kept and replayed.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +98,14 @@ class ImuNoise:
     gyro_scale: float = 0.0
     scale_time_s: float = 1.0
 
+    @functools.cached_property
+    def densities(self) -> Array:
+        """Per second (2, 4): variances at rest, and what a unit of force^2 or rate^2 adds."""
+        scale = 2.0 * self.scale_time_s
+        at_rest = (self.accel**2, self.gyro**2, self.accel_walk**2, self.gyro_walk**2)
+        by_motion = (scale * self.accel_scale**2, scale * self.gyro_scale**2, 0.0, 0.0)
+        return np.array([at_rest, by_motion])
+
 
 def make_state(
     time_s: float,
@@ -129,17 +138,8 @@ def process_noise(noise: ImuNoise, f: Array, w: Array, dt: float, extra_accel: f
     As eq. (20), with the walks growing by dt and not dt^2; ``f``, ``w`` are the sample's force and
     rate, ``extra_accel`` [m/s^2/sqrt(Hz)] is what vibration adds.
     """
-    scale = 2.0 * noise.scale_time_s
-    force2 = float(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-    rate2 = float(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    return np.array(
-        (
-            (noise.accel**2 + extra_accel**2 + scale * noise.accel_scale**2 * force2) * dt,
-            (noise.gyro**2 + scale * noise.gyro_scale**2 * rate2) * dt,
-            noise.accel_walk**2 * dt,
-            noise.gyro_walk**2 * dt,
-        )
-    )
+    q: Array = kernels.process_noise(noise.densities, f, w, dt, extra_accel)
+    return q
 
 
 def propagate(
@@ -179,10 +179,9 @@ def twist_covariance(state: State, rate_sigma: float) -> Array:
     return out
 
 
-def innovation_covariance(state: State, H: Array, R: Array) -> Array:
-    """Return S = H P H' + R."""
-    S: Array = H @ state.P @ H.T + R
-    return S
+def nis(state: State, nu: Array, H: Array, R: Array) -> float:
+    """Return the normalised innovation squared, nu' (H P H' + R)^-1 nu; arguments as ``update``."""
+    return float(kernels.nis(state.P, nu, H, R))
 
 
 def update(state: State, nu: Array, H: Array, R: Array) -> State:

@@ -1,6 +1,4 @@
-"""
-The compiled arithmetic of ``eskf``: see there for what the numbers of a state mean.
-"""
+"""The compiled arithmetic of ``eskf``: see there for what the numbers of a state mean."""
 
 from __future__ import annotations
 
@@ -21,6 +19,7 @@ Array = NDArray[np.float64]
 
 @numba.njit(cache=True)
 def box_minus(x: Array, reference: Array) -> Array:
+    """Return the error (18,) from ``reference`` to ``x``."""
     out = np.empty(18)
     out[0:6] = x[0:6] - reference[0:6]
     R, R_ref = x[6:15].reshape((3, 3)), reference[6:15].reshape((3, 3))
@@ -31,6 +30,7 @@ def box_minus(x: Array, reference: Array) -> Array:
 
 @numba.njit(cache=True)
 def box_plus(x: Array, e: Array) -> Array:
+    """Return ``x`` with an error (18,) added."""
     out = x.copy()
     out[0:6] += e[0:6]
     R = product_one(x[6:15].reshape((3, 3)), exp_one(e[6:9]))
@@ -40,7 +40,17 @@ def box_plus(x: Array, e: Array) -> Array:
 
 
 @numba.njit(cache=True)
+def process_noise(densities: Array, f: Array, w: Array, dt: float, extra_accel: float) -> Array:
+    """Return what ``eskf.process_noise`` does."""
+    q = densities[0].copy()
+    q[0] += densities[1, 0] * (f[0] ** 2 + f[1] ** 2 + f[2] ** 2) + extra_accel**2
+    q[1] += densities[1, 1] * (w[0] ** 2 + w[1] ** 2 + w[2] ** 2)
+    return q * dt
+
+
+@numba.njit(cache=True)
 def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
+    """Return F (18, 18)."""
     R = x[6:15].reshape((3, 3))
     a, rate = f - x[15:18], w - x[18:21]
     R_mid = product_one(R, exp_one(rate * (0.5 * dt)))
@@ -69,6 +79,7 @@ def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
 def predict(
     x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
 ) -> tuple[Array, Array, Array]:
+    """Return nominal state, covariance and F after a step."""
     F = transition(x, f, w, dt)
     out = x.copy()
     R = x[6:15].reshape((3, 3))
@@ -118,7 +129,15 @@ def rows_times(F: Array, M: Array, out: Array) -> None:
 
 
 @numba.njit(cache=True)
+def nis(P: Array, nu: Array, H: Array, R: Array) -> float:
+    """Return the normalised innovation squared."""
+    S = H @ P @ np.ascontiguousarray(H.T) + R
+    return float(nu @ np.linalg.solve(S, nu))
+
+
+@numba.njit(cache=True)
 def update(x: Array, P: Array, nu: Array, H: Array, R: Array) -> tuple[Array, Array]:
+    """Return nominal state and covariance after a measurement."""
     PHt = P @ np.ascontiguousarray(H.T)
     S = H @ PHt + R
     K = np.ascontiguousarray(np.linalg.solve(S, np.ascontiguousarray(PHt.T)).T)
@@ -135,6 +154,7 @@ def update(x: Array, P: Array, nu: Array, H: Array, R: Array) -> tuple[Array, Ar
 
 @numba.njit(cache=True)
 def pose_covariance(x: Array, P: Array) -> Array:
+    """Return what ``eskf.pose_covariance`` does."""
     T = np.zeros((6, 18))
     T[0:3, 0:3] = np.eye(3)
     T[3:6, 6:9] = x[6:15].reshape((3, 3))
@@ -143,6 +163,7 @@ def pose_covariance(x: Array, P: Array) -> Array:
 
 @numba.njit(cache=True)
 def twist_covariance(x: Array, P: Array, rate_sigma: float) -> Array:
+    """Return what ``eskf.twist_covariance`` does."""
     R_bn = np.ascontiguousarray(x[6:15].reshape((3, 3)).T)
     v = R_bn @ x[3:6]
     J = np.zeros((6, 18))

@@ -6,6 +6,7 @@ import dataclasses
 from bisect import bisect_left
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,17 @@ class ImuSample(NamedTuple):
     time_s: float
     specific_force: Array
     angular_rate: Array
+
+
+@numba.njit(cache=True)
+def largest_part(v: Array) -> float:
+    """Return the largest magnitude in a vector (3,), NaN where a part of it is not finite."""
+    largest = 0.0
+    for part in v:
+        if not np.isfinite(part):
+            return np.nan
+        largest = max(largest, abs(part))
+    return largest
 
 
 @dataclasses.dataclass(frozen=True)
