@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coaster_localization.config import MatcherConfig
-from coaster_localization.observation import MatchObservation, observation_covariance
+from coaster_localization.observation import MatchObservation
 from coaster_localization.planned import Features, PlannedRows
 from coaster_localization.rest import RestWatch
 from coaster_localization.sensed import shortest_turn
@@ -202,7 +202,8 @@ class OnlineMatcher:
             return None
         position, quaternion, chainage = plan.place(mean_s)
         across = min(CROSS_SIGMA_M, self._sigma) ** 2
-        V = observation_covariance(so3.matrix_from_quat(quaternion), self._sigma**2, across, across)
+        R_nb = so3.matrix_one(quaternion)
+        V = (R_nb * (self._sigma**2, across, across)) @ R_nb.T
         stamp = time_s - self._lag / config.online_rate_hz
         self._last = MatchObservation(stamp, position, quaternion, V, chainage)
         return self._last

@@ -18,7 +18,7 @@ from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import Estimate, FusedState, Prediction
 from coaster_localization.match_update import MatchUpdate
 from coaster_localization.observation import MatchObservation, problem
-from coaster_localization.replaying import SAME_S, plain_steps, repeat_steps
+from coaster_localization.replaying import SAME_S, ZUPT_INTERVAL_S, plain_steps, repeat_steps
 from coaster_localization.start import (
     Rest,
     StartPose,
@@ -46,7 +46,6 @@ GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 ZUPT_SIGMA = 0.02
 """Velocity at standstill [m/s]."""
-ZUPT_INTERVAL_S = 0.2
 
 
 class CoasterEskf:
@@ -283,7 +282,7 @@ class CoasterEskf:
         """Return the states after each measurement, as ``apply`` on one after the other does."""
         states: list[FusedState] = []
         while len(states) < len(measurements):
-            steps = plain_steps(state.nav.time_s, measurements, len(states))
+            steps = plain_steps(state, measurements, len(states))
             if steps:
                 states += repeat_steps(state, steps, self.line)
             else:

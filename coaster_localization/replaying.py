@@ -15,31 +15,36 @@ from numpy.typing import NDArray
 from coaster_localization.estimate import FusedState, Prediction
 from coaster_localization.observation import MatchObservation
 from track_localization.estimation.eskf import State
-from track_localization.estimation.eskf_kernels import predict
+from track_localization.estimation.eskf_kernels import predict_into
 from track_localization.track.line_table import LineTable, project_one
 
 Array = NDArray[np.float64]
 
 
+ZUPT_INTERVAL_S = 0.2
+"""A standstill is used once in so long [s]: its errors persist."""
 SAME_S = 1e-9
 """Two spans of time that differ by less are the same [s]."""
 
 
 def plain_steps(
-    time_s: float, measurements: Sequence[Prediction | MatchObservation], first: int
+    state: FusedState, measurements: Sequence[Prediction | MatchObservation], first: int
 ) -> list[Prediction]:
     """
     Return the steps from ``measurements[first]`` on, up to one that needs more than predicting.
 
-    More is a match, a standstill, or a step that does not begin at ``time_s`` [s], or where the
-    one before it ended, and so needs its noise anew.
+    More is a match, a standstill update that is due, or a step that does not begin where
+    ``state`` is, or where the step before it ended, and so needs its noise anew.
     """
     steps: list[Prediction] = []
+    time_s = state.nav.time_s
     for k in range(first, len(measurements)):
         measurement = measurements[k]
-        if isinstance(measurement, MatchObservation) or measurement.quiet:
+        if isinstance(measurement, MatchObservation):
             break
         step = measurement.step
+        if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
+            break
         dt = step.time_s - time_s
         if dt <= 0.0 or abs(dt - step.dt) >= SAME_S:
             break
@@ -97,8 +102,10 @@ def _repeat(
 ) -> tuple[Array, Array, Array]:
     count = len(dt)
     xs, Ps, chainage = np.empty((count, len(x))), np.empty((count, *P.shape)), np.empty(count)
+    F, work = np.eye(len(P)), np.empty_like(P)
     for k in range(count):
-        x, P, _ = predict(x, P, f[k], w[k], dt[k], q[k])
+        predict_into(x, P, f[k], w[k], dt[k], q[k], F, work, xs[k], Ps[k])
+        x, P = xs[k], Ps[k]
         s = project_one(position, axes, stretch, step_m, length, closed, x[0:3], s)
-        xs[k], Ps[k], chainage[k] = x, P, s
+        chainage[k] = s
     return xs, Ps, chainage

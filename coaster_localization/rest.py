@@ -93,10 +93,10 @@ class RestWatch:
 
 
 @numba.njit(cache=True)
-def _as_quiet(rows: Array, rest: Array) -> bool:
+def _as_quiet(rows: Array, rest: Array) -> np.bool_:
     """Tell whether the mean of rows (N, WIDTH) shakes and stands like a mean row at rest."""
     mean = rows.sum(axis=0) / len(rows)
     force, gravity = mean[FORCE], rest[FORCE]
     lengths = np.sqrt((force**2).sum() * (gravity**2).sum())
     level = (force * gravity).sum() > LEVEL_AS_IN_STATION * lengths
-    return level and np.all(mean[SHAKE] < 1.5 * rest[SHAKE] + SHAKE_FLOOR)
+    return np.bool_(level) & np.all(mean[SHAKE] < 1.5 * rest[SHAKE] + SHAKE_FLOOR)

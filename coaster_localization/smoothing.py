@@ -47,12 +47,8 @@ def to_trajectory(
     The chainage is the projection on the line, followed from row to row.
     """
     position, velocity = x[:, 0:3], x[:, 3:6]
-    chainage = np.empty(len(time_s))
-    s = line.nearest(position[0]) if len(time_s) else 0.0
-    for k, p in enumerate(position):
-        s = line.project(p, s)
-        chainage[k] = s
-    tangent = line.axes[[line.index(s) for s in chainage], :, 0]
+    chainage = line.follow(position, line.nearest(position[0]) if len(time_s) else 0.0)
+    tangent = line.axes[[line.index(s) for s in chainage.tolist()], :, 0]
     speed = np.linalg.norm(velocity, axis=1)
     forward = velocity / np.maximum(speed, 1e-6)[:, None]
     return Trajectory(

@@ -146,39 +146,43 @@ def _forward_step(
     P, n = new.shape
     first, last = old_range[0], old_range[1]
     stop = min(last + 2, n)
-    distance = np.empty(stop - first)
-    for j in range(first, stop):
+    width = stop - first
+    # Views of the rows in reach: indices from nought are what the compiler makes fast.
+    design, likely, new = design[first:stop], likely[first:stop], new[:, first:stop]
+    distance = np.empty(width)
+    for j in range(width):
         h = 0.0
         for c in range(len(row)):
             e = row[c] - design[j, c]
             h += e * e
-        distance[j - first] = h
+        distance[j] = h
     least = distance.min()
-    for j in range(first, stop):
-        likely[j] = np.exp(-0.5 * (distance[j - first] - least) / noise) + UNLIKELIEST
+    for j in range(width):
+        likely[j] = np.exp(-0.5 * (distance[j] - least) / noise) + UNLIKELIEST
     # Two rows of nothing on either side: what is behind the first row and beyond the last.
-    mixed = np.zeros((P, stop - first + 2))
+    mixed = np.zeros((P, width + 2))
     _change_pace(old[:, first:last], wander, mixed[:, 2 : last - first + 2])
-    total = np.zeros(stop - first)
+    total = np.zeros(width)
     for p in range(P):
         stay, go, skip = HELD if held else steps[p]
-        for j in range(stop - first):
-            new[p, first + j] = stay * mixed[p, j + 2] + go * mixed[p, j + 1] + skip * mixed[p, j]
+        for j in range(width):
+            new[p, j] = stay * mixed[p, j + 2] + go * mixed[p, j + 1] + skip * mixed[p, j]
         if stop == n:
             # Nothing goes beyond the design's end.
-            new[p, n - 1] += (1.0 - stay) * mixed[p, n - first + 1] + skip * mixed[p, n - first]
-        for j in range(stop - first):
-            new[p, first + j] *= likely[first + j]
-            total[j] += new[p, first + j]
+            new[p, width - 1] += (1.0 - stay) * mixed[p, width + 1] + skip * mixed[p, width]
+        for j in range(width):
+            new[p, j] *= likely[j]
+            total[j] += new[p, j]
     whole = total.sum()
+    share = 1.0 / whole
     for p in range(P):
-        for j in range(first, stop):
-            new[p, j] /= whole
-    low, high = stop, first
-    for j in range(first, stop):
-        if total[j - first] > NEGLIGIBLE * whole:
+        for j in range(width):
+            new[p, j] *= share
+    low, high = width, 0
+    for j in range(width):
+        if total[j] > NEGLIGIBLE * whole:
             low, high = min(low, j), j + 1
-    new_range[0], new_range[1] = low, high
+    new_range[0], new_range[1] = first + low, first + high
     return (total * distance).sum() / whole
 
 
@@ -204,13 +208,16 @@ def _look_back(
         # Rows first..stop + 1 of what comes later, the last row of the design standing for all
         # beyond it.
         reached = np.zeros((P, stop - first + 2))
-        for p in range(P):
-            for j in range(max(first, later_first), min(stop + 2, later_stop)):
-                reached[p, j - first] = likely[slot, j] * later[p, j - later_first]
-            for j in range(n, stop + 2):
-                reached[p, j - first] = reached[p, n - 1 - first]
+        low, high = max(first, later_first), max(min(stop + 2, later_stop), first)
+        there = reached[:, low - first : high - first]
+        come = later[:, low - later_first : high - later_first]
+        chance = likely[slot, low:high]
         earlier = np.empty((P, stop - first))
         for p in range(P):
+            for j in range(high - low):
+                there[p, j] = chance[j] * come[p, j]
+            for j in range(n, stop + 2):
+                reached[p, j - first] = reached[p, n - 1 - first]
             stay, go, skip = HELD if held[slot] else steps[p]
             for j in range(stop - first):
                 earlier[p, j] = (

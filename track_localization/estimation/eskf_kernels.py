@@ -51,12 +51,17 @@ def process_noise(densities: Array, f: Array, w: Array, dt: float, extra_accel: 
 @numba.njit(cache=True)
 def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
     """Return F (18, 18)."""
+    F = np.eye(18)
+    fill_transition(x, f, w, dt, F)
+    return F
+
+
+@numba.njit(cache=True)
+def fill_transition(x: Array, f: Array, w: Array, dt: float, F: Array) -> None:
+    """Write into ``F``, which is the identity or an earlier F, what is not the identity's."""
     R = x[6:15].reshape((3, 3))
     a, rate = f - x[15:18], w - x[18:21]
     R_mid = product_one(R, exp_one(rate * (0.5 * dt)))
-    F = np.zeros((18, 18))
-    for i in range(18):
-        F[i, i] = 1.0
     F[6:9, 6:9] = exp_one(-rate * dt)
     for i in range(3):
         F[i, 3 + i] = dt
@@ -72,7 +77,6 @@ def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
         F[i, 15 + i] = 0.5 * dt * dt
         for j in range(6, 12):
             F[i, j] = 0.5 * dt * F[3 + i, j]
-    return F
 
 
 @numba.njit(cache=True)
@@ -80,12 +84,35 @@ def predict(
     x: Array, P: Array, f: Array, w: Array, dt: float, q: Array
 ) -> tuple[Array, Array, Array]:
     """Return nominal state, covariance and F after a step."""
-    F = transition(x, f, w, dt)
-    out = x.copy()
+    x_new, P_new, F = np.empty(24), np.empty((18, 18)), np.eye(18)
+    predict_into(x, P, f, w, dt, q, F, np.empty((18, 18)), x_new, P_new)
+    return x_new, P_new, F
+
+
+@numba.njit(cache=True)
+def predict_into(
+    x: Array,
+    P: Array,
+    f: Array,
+    w: Array,
+    dt: float,
+    q: Array,
+    F: Array,
+    work: Array,
+    x_new: Array,
+    P_new: Array,
+) -> None:
+    """Write a step's F, nominal state and covariance; ``F`` as in ``fill_transition``."""
+    fill_transition(x, f, w, dt, F)
     R = x[6:15].reshape((3, 3))
     p, v, R_new = dead_reckon_one(x[0:3], x[3:6], R, f - x[15:18], w - x[18:21], x[21:24], dt)
-    out[0:3], out[3:6], out[6:15] = p, v, R_new.ravel()
-    P_new = sandwich(F, P)
+    x_new[0:3], x_new[3:6], x_new[6:15], x_new[15:24] = p, v, R_new.ravel(), x[15:24]
+    # F P F', exactly symmetric
+    rows_times(F, P, work)
+    rows_times(F, work.T, P_new)
+    for i in range(18):
+        for j in range(i):
+            P_new[i, j] = P_new[j, i]
     for i in range(3):
         P_new[i, i] += q[0] * dt * dt / 3.0
         P_new[i, 3 + i] += q[0] * dt / 2.0
@@ -94,19 +121,6 @@ def predict(
         P_new[6 + i, 6 + i] += q[1]
         P_new[9 + i, 9 + i] += q[2]
         P_new[12 + i, 12 + i] += q[3]
-    return out, P_new, F
-
-
-@numba.njit(cache=True)
-def sandwich(F: Array, P: Array) -> Array:
-    """Return F P F', exactly symmetric, of an F as ``transition`` makes it."""
-    half, out = np.empty((18, 18)), np.empty((18, 18))
-    rows_times(F, P, half)
-    rows_times(F, half.T, out)
-    for i in range(18):
-        for j in range(i):
-            out[i, j] = out[j, i]
-    return out
 
 
 @numba.njit(cache=True)

@@ -131,6 +131,18 @@ def normalised_one(R: Array) -> Array:
 
 
 @numba.njit(cache=True)
+def matrix_one(q: Array) -> Array:
+    """Return the matrix (3, 3) of one quaternion (4,), x y z w, of any non-zero length."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
+    R[1, 0], R[1, 1], R[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
+    R[2, 0], R[2, 1], R[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    return R
+
+
+@numba.njit(cache=True)
 def quat_one(R: Array) -> Array:
     """Return the quaternion (4,), x y z w, of one matrix, its largest part positive (Shepperd)."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]

@@ -89,6 +89,38 @@ class LineTable:
             )
         )
 
+    def follow(self, points: Array, near: float) -> Array:
+        """Return the chainages (N,) of points (N, 3), each found from the one before it."""
+        s: Array = _follow(
+            self.position,
+            self.axes,
+            self.stretch,
+            self.step_m,
+            self.length,
+            self.closed,
+            np.ascontiguousarray(points),
+            near,
+        )
+        return s
+
+
+@numba.njit(cache=True)
+def _follow(
+    position: Array,
+    axes: Array,
+    stretch: Array,
+    step: float,
+    length: float,
+    closed: bool,
+    points: Array,
+    near: float,
+) -> Array:
+    out = np.empty(len(points))
+    for k in range(len(points)):
+        near = project_one(position, axes, stretch, step, length, closed, points[k], near)
+        out[k] = near
+    return out
+
 
 @numba.njit(cache=True)
 def project_one(

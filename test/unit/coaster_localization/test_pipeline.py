@@ -120,6 +120,24 @@ def test_order_of_arrival_does_not_matter(ride, line, matches):
     )
 
 
+def test_repeating_many_steps_is_the_same_as_one_after_the_other(ride, line, matches):
+    """To the bit: standstills, matches and gaps among them; or live would not be offline."""
+    filter_ = CoasterEskf(ride.design, WHOLE, line)
+    kept = np.r_[0:4000, 4040:5000]
+    run_filter(filter_, ride.imu[kept], [m for m in matches if m.time_s < ride.imu.time_s[5000]])
+    _, measurements, states = zip(*filter_.history.entries(), strict=True)
+    kinds = [isinstance(m, MatchObservation) or m.quiet for m in measurements[1:]]
+    assert 0.1 < np.mean(kinds) < 0.9
+    repeated = filter_.apply_all(states[0], measurements[1:])
+    for again, state in zip(repeated, states[1:], strict=True):
+        np.testing.assert_array_equal(again.nav.x, state.nav.x)
+        np.testing.assert_array_equal(again.nav.P, state.nav.P)
+        np.testing.assert_array_equal(
+            (again.nav.time_s, again.chainage, *again[2:]),
+            (state.nav.time_s, state.chainage, *state[2:]),
+        )
+
+
 def test_a_match_older_than_the_history_is_counted(ride, line, matches):
     filter_ = CoasterEskf(ride.design, EskfConfig(history_s=2.0), line)
     for i in range(1500):

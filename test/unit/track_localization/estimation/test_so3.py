@@ -73,3 +73,16 @@ def test_quat_one_is_scipys_quaternion(rng):
     for turn in turns:
         q, expected = so3.quat_one(turn.as_matrix()), turn.as_quat()
         np.testing.assert_allclose(q * np.sign(q @ expected), expected, atol=1e-12)
+
+
+def test_matrix_one_is_scipys_matrix(rng):
+    for q in rng.normal(size=(20, 4)):
+        np.testing.assert_allclose(
+            so3.matrix_one(q), Rotation.from_quat(q).as_matrix(), atol=1e-14
+        )
+
+
+def test_small_products_are_the_matrix_products(rng):
+    A, B, v = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=3)
+    np.testing.assert_allclose(so3.product_one(A, B), A @ B, atol=1e-14)
+    np.testing.assert_allclose(so3.turned_one(A, v), A @ v, atol=1e-14)

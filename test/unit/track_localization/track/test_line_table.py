@@ -49,6 +49,12 @@ def test_project_finds_the_chainage_of_points_off_the_line(table):
             assert table.project(point, near) == pytest.approx(s, abs=0.01)
 
 
+def test_follow_goes_round_with_the_points(table):
+    s = np.arange(1.0, table.length, 1.5)
+    found = table.follow(np.array([table.point(x) for x in s]), 0.0)
+    np.testing.assert_allclose(found, s, atol=0.01)
+
+
 def test_nearest_needs_no_hint_and_closed_lines_wrap(table):
     assert table.closed
     assert table.nearest(table.point(60.0)) == pytest.approx(60.0, abs=0.01)
