@@ -137,7 +137,7 @@ class EskfConfig:
         0.02, 'm', 'built track and seat against the design line, across', 1e-4, 10.0
     )
     line_correlation_m: float = setting(
-        10.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
+        3.0, 'm', 'distance over which the built track keeps its deviation', 0.0, 1000.0
     )
     gate_nis: float = setting(9.0, '', 'NIS of a match along the track, above it weighs less', 1.0)
     reject_nis: float = setting(50.0, '', 'NIS above which a match is refused', 1.0)

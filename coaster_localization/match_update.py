@@ -17,6 +17,7 @@ from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import FusedState
 from coaster_localization.observation import MatchObservation
 from track_localization.estimation import eskf
+from track_localization.track.design_ride import DesignRide
 from track_localization.track.line_table import LineTable
 
 Array = NDArray[np.float64]
@@ -24,6 +25,14 @@ Array = NDArray[np.float64]
 ITERATIONS = 4
 SLOWEST = 0.5
 """Speed that turns a correlation length into a time, at least [m/s]."""
+
+
+def usual_speeds(line: LineTable, design: DesignRide) -> Array:
+    """Return the design's speed (M,) at every row of the line, of passes one after the other."""
+    rows = line.step_m * np.arange(len(line.position))
+    order = np.argsort(design.chainage, kind='stable')
+    period = line.length if line.closed else None
+    return np.interp(rows, design.chainage[order], design.speed[order], period=period)
 
 
 class MatchUpdate:
@@ -35,9 +44,19 @@ class MatchUpdate:
         refused: matches refused by the gate, replays not counted twice.
     """
 
-    def __init__(self, line: LineTable, config: EskfConfig) -> None:
+    def __init__(
+        self, line: LineTable, config: EskfConfig, usual_speed: Array | None = None
+    ) -> None:
+        """
+        Prepare for a line.
+
+        ``usual_speed`` (M,), for every row of it [m/s], tells how long a match's errors last where
+        the filter's own speed is wrong; a filter that thinks that it crawls would else weigh the
+        matches away that say how fast it goes.
+        """
         self.line = line
         self.config = config
+        self._usual_speed = usual_speed
         self.last_nis = float('nan')
         self.refused: set[float] = set()
         self.relocated: set[float] = set()
@@ -89,7 +108,8 @@ class MatchUpdate:
             state = state._replace(nav=nav)
         elif nis > self.config.gate_nis:
             variance *= nis / self.config.gate_nis
-        speed = max(float(np.linalg.norm(nav.velocity)), SLOWEST)
+        usual = 0.0 if self._usual_speed is None else float(self._usual_speed[i])
+        speed = max(float(np.linalg.norm(nav.velocity)), usual, SLOWEST)
         config = self.config
         persists_s = config.match_correlation_s * max(1.0, config.match_slow_mps / speed) ** 2
         variance *= self._thinning(state, match, persists_s)

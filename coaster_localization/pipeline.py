@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import Estimate, FusedState, Prediction
-from coaster_localization.match_update import MatchUpdate
+from coaster_localization.match_update import MatchUpdate, usual_speeds
 from coaster_localization.observation import MatchObservation, problem
 from coaster_localization.replaying import SAME_S, ZUPT_INTERVAL_S, plain_steps, repeat_steps
 from coaster_localization.start import (
     Rest,
     StartPose,
+    is_quiet,
     observe_rest,
     state_at_rest,
     state_from_match,
 )
-from track_localization import GRAVITY
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.history import History, TooLateError
@@ -70,6 +70,7 @@ class CoasterEskf:
             config.accel_scale,
             config.gyro_scale,
         )
+        self._usual_speed = usual_speeds(self.line, design)
         self._start = StartPose(
             design.position[0],
             np.eye(3) * config.start_sigma_m**2,
@@ -85,7 +86,7 @@ class CoasterEskf:
 
     def _restart(self) -> None:
         self._monitor = ImuMonitor()
-        self._match_update = MatchUpdate(self.line, self.config)
+        self._match_update = MatchUpdate(self.line, self.config, self._usual_speed)
         self._waiting: deque[ImuSample] = deque()
         self._rest: Rest | None = None
         self._early: list[MatchObservation] = []
@@ -322,8 +323,4 @@ class CoasterEskf:
         """Whether the sensor shakes no more than it did in the station, under 1 g."""
         if self._rest is None or self.config.preset == 'paper':
             return False
-        return (
-            step.f_std < min(max(3.0 * self._rest.force_std, 0.05), 0.3)
-            and step.w_std < min(max(3.0 * self._rest.rate_std, 0.005), 0.03)
-            and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
-        )
+        return is_quiet(step, self._rest)

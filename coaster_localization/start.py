@@ -13,6 +13,7 @@ from coaster_localization.observation import MatchObservation
 from track_localization import GRAVITY
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.imu import ImuSample
+from track_localization.estimation.imu_monitor import ImuStep
 from track_localization.estimation.strapdown import (
     REST_FORCE_STD,
     REST_RATE_STD,
@@ -44,6 +45,24 @@ class Rest(NamedTuple):
     force_std: float
     rate_std: float
     samples: int
+
+
+USUAL_REST = (0.015, 0.0015)
+"""Standard deviations of force and rate at rest where no rest was seen yet."""
+
+
+def is_quiet(step: ImuStep, rest: Rest | None) -> bool:
+    """
+    Whether the sensor shakes as little as in ``rest``, the station's if known, under 1 g.
+
+    A train that rolls at a walking pace shakes little more than one that stands.
+    """
+    force_std, rate_std = (rest.force_std, rest.rate_std) if rest is not None else USUAL_REST
+    return (
+        step.f_std < 1.5 * force_std + 0.005
+        and step.w_std < 1.5 * rate_std + 0.0005
+        and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
+    )
 
 
 class StartPose(NamedTuple):

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.start import Rest
 from coaster_localization.track_config import TrackFilterConfig
-from track_localization import GRAVITY
-from track_localization.estimation.imu_monitor import ImuStep
 
 Array = NDArray[np.float64]
 
@@ -16,8 +13,6 @@ GAP_S = 0.1
 """A step longer than this was not measured: what the train did in it is unknown."""
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
-USUAL_REST = (0.015, 0.0015)
-"""Standard deviations of force and rate at rest where no rest was seen yet."""
 
 
 def settings_of(config: TrackFilterConfig) -> Array:
@@ -46,13 +41,3 @@ def process_noise(config: TrackFilterConfig, dt: float) -> Array:
         rate += GAP_RATE**2 * dt
     walks = (c.gyro_bias_walk**2, c.accel_bias_walk**2, c.mount_walk**2)
     return np.array([accel, rate, *walks, c.speed_sigma])
-
-
-def is_quiet(step: ImuStep, rest: Rest | None) -> bool:
-    """Whether the sensor shakes as little as in ``rest``, the station's if known, under 1 g."""
-    force_std, rate_std = (rest.force_std, rest.rate_std) if rest is not None else USUAL_REST
-    return (
-        step.f_std < 1.5 * force_std + 0.005
-        and step.w_std < 1.5 * rate_std + 0.0005
-        and abs(float(np.linalg.norm(step.f_mean)) - GRAVITY) < 0.2
-    )

@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from coaster_localization.start import Rest
-from coaster_localization.track_conditions import GAP_S, is_quiet, process_noise, settings_of
+from coaster_localization.start import Rest, is_quiet
+from coaster_localization.track_conditions import GAP_S, process_noise, settings_of
 from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_departure import TURN_AT_REST, TURN_UNDER_WAY, Departure
 from coaster_localization.track_mixture import figures, mixture, opened

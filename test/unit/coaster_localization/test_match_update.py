@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from coaster_localization.config import EskfConfig
 from coaster_localization.estimate import FusedState
-from coaster_localization.match_update import MatchUpdate
+from coaster_localization.match_update import MatchUpdate, usual_speeds
 from coaster_localization.observation import MatchObservation, observation_covariance
 from track_localization.estimation import eskf
 from track_localization.estimation.so3 import quat_from_matrix
@@ -91,6 +91,41 @@ def test_close_matches_weigh_less_and_slow_ones_least(circle):
     white = once / np.sqrt(10.0)
     assert white < fast < once
     assert fast < slow <= once + 1e-9
+
+
+def test_a_filter_that_thinks_it_crawls_is_still_told_how_fast_the_train_goes(circle):
+    """Else the slower it thinks it goes the less it listens, and is left behind for good."""
+    crawling = state_at(circle, 30.0, 3.0)
+    x = crawling.nav.x.copy()
+    x[3:6] *= 0.02
+    crawling = crawling._replace(nav=crawling.nav._replace(x=x), last_match_s=9.8)
+    pulled = {}
+    for name, speed in (('alone', None), ('told', np.full(len(circle.position), 10.0))):
+        update = MatchUpdate(circle, EskfConfig(), speed)
+        after = update(crawling, match_at(circle, 34.0, 2.0))
+        pulled[name] = circle.project(after.nav.position, 30.0) - 30.0
+    assert pulled['told'] > 0.5
+    assert pulled['alone'] < 0.05
+
+
+def test_usual_speeds_are_the_design_s_over_the_seam_of_a_lap():
+    """A ride that begins 26 m into its lap and ends there: 40 m before the seam it goes 14 m/s."""
+    s = np.arange(26.0, 26.0 + 2 * np.pi * RADIUS, 0.1)
+    c, sn, zero = np.cos(s / RADIUS), np.sin(s / RADIUS), np.zeros_like(s)
+    position = RADIUS * np.stack([sn, 1.0 - c, zero], axis=1)
+    forward, left = np.stack([c, sn, zero], axis=1), np.stack([-sn, c, zero], axis=1)
+    R = np.stack([forward, left, np.cross(forward, left)], axis=-1)
+    speed = 10.0 + (s - 26.0) / 20.0
+    time_s = np.concatenate([[0.0], np.cumsum(0.1 / speed[1:])])
+    none = np.zeros((len(s), 3))
+    design = DesignRide(
+        time_s, s, position, quat_from_matrix(R), speed[:, None] * forward, none, none
+    )
+    line = LineTable(Centreline.from_design_ride(design))
+    usual = usual_speeds(line, design)
+    for chainage in (40.0, 100.0, 120.0, 127.0, 140.0):
+        row = line.index(line.nearest(np.array([np.interp(chainage, s, p) for p in position.T])))
+        assert usual[row] == pytest.approx(10.0 + (chainage - 26.0) / 20.0, abs=0.1)
 
 
 def test_a_match_off_the_gate_is_refused_then_believed(circle):

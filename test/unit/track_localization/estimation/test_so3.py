@@ -77,9 +77,7 @@ def test_quat_one_is_scipys_quaternion(rng):
 
 def test_matrix_one_is_scipys_matrix(rng):
     for q in rng.normal(size=(20, 4)):
-        np.testing.assert_allclose(
-            so3.matrix_one(q), Rotation.from_quat(q).as_matrix(), atol=1e-14
-        )
+        np.testing.assert_allclose(so3.matrix_one(q), Rotation.from_quat(q).as_matrix(), atol=1e-14)
 
 
 def test_small_products_are_the_matrix_products(rng):
