@@ -142,7 +142,7 @@ class EskfConfig:
     gate_nis: float = setting(9.0, '', 'NIS of a match along the track, above it weighs less', 1.0)
     reject_nis: float = setting(50.0, '', 'NIS above which a match is refused', 1.0)
     relocate_s: float = setting(
-        6.0, 's', 'refused without a break for so long, the match is believed', 0.1, 600.0
+        6.0, 's', 'beyond the gate without a break for so long, matches are believed', 0.1, 600.0
     )
     history_s: float = setting(10.0, 's', 'how late a match may arrive', 0.1, 120.0)
     # Start

@@ -23,14 +23,14 @@ class FusedState(NamedTuple):
         nav: the error-state filter's state.
         chainage: of the estimate, along the line [m].
         last_match_s: stamp of the last fused match [s]; NaN before the first.
-        refused_since_s: since when every match was refused [s]; NaN while they are accepted.
+        doubted_since_s: since when every match was beyond the gate [s]; NaN after one within it.
         last_zupt_s: stamp of the last standstill update [s].
     """
 
     nav: eskf.State
     chainage: float
     last_match_s: float
-    refused_since_s: float
+    doubted_since_s: float
     last_zupt_s: float
 
 

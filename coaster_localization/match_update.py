@@ -96,18 +96,18 @@ class MatchUpdate:
         var_pred = float(tangent @ nav.P[0:3, 0:3] @ tangent)
         nis = along**2 / (var_pred + variance)
         self.last_nis = nis
-        if nis > self.config.reject_nis:
-            since = state.refused_since_s
-            if np.isnan(since):
-                since = match.time_s
-            if match.time_s - since < self.config.relocate_s:
+        since = float('nan')
+        if nis > self.config.gate_nis:
+            since = match.time_s if np.isnan(state.doubted_since_s) else state.doubted_since_s
+            if match.time_s - since >= self.config.relocate_s:
+                nav = self._relocate(nav, match, along)
+                self.relocated.add(match.time_s)
+                since = float('nan')
+            elif nis > self.config.reject_nis:
                 self.refused.add(match.time_s)
-                return state._replace(refused_since_s=since)
-            nav = self._relocate(nav, match, along)
-            self.relocated.add(match.time_s)
-            state = state._replace(nav=nav)
-        elif nis > self.config.gate_nis:
-            variance *= nis / self.config.gate_nis
+                return state._replace(doubted_since_s=since)
+            else:
+                variance *= nis / self.config.gate_nis
         usual = 0.0 if self._usual_speed is None else float(self._usual_speed[i])
         speed = max(float(np.linalg.norm(nav.velocity)), usual, SLOWEST)
         config = self.config
@@ -115,7 +115,7 @@ class MatchUpdate:
         variance *= self._thinning(state, match, persists_s)
         across = self._thinning(state, match, config.line_correlation_m / speed)
         nav = self._iterate(nav, dt, s_match, variance, config.line_sigma_m**2 * across)
-        return self._done(state, nav, match)
+        return self._done(state, nav, match)._replace(doubted_since_s=since)
 
     def _iterate(
         self, nav: eskf.State, dt: float, s_match: float, variance: float, cross: float
@@ -156,9 +156,7 @@ class MatchUpdate:
 
     def _done(self, state: FusedState, nav: eskf.State, match: MatchObservation) -> FusedState:
         chainage = self.line.project(nav.position, self._chainage_of(match))
-        return state._replace(
-            nav=nav, chainage=chainage, last_match_s=match.time_s, refused_since_s=float('nan')
-        )
+        return state._replace(nav=nav, chainage=chainage, last_match_s=match.time_s)
 
     def _thinning(self, state: FusedState, match: MatchObservation, correlation_s: float) -> float:
         """Return the factor by which close matches weigh less: their errors are the same ones."""

@@ -44,6 +44,8 @@ AHEAD_S, EARLY_MATCHES = 30.0, 500
 """How far ahead of the IMU a match may come [s], and how many wait for their sample."""
 GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
+IN_DOUBT_AFTER_S = 1.0
+"""Matches beyond the gate for so long put the position in doubt, not one alone [s]."""
 ZUPT_SIGMA = 0.02
 """Velocity at standstill [m/s]."""
 
@@ -138,9 +140,9 @@ class CoasterEskf:
         if self.history is None:
             return {'status': 'waiting for a standstill or a match in motion'}
         state = self.history.state
-        refused = not np.isnan(state.refused_since_s)
+        doubted = state.nav.time_s - state.doubted_since_s > IN_DOUBT_AFTER_S
         return {
-            'status': 'matches refused: position in doubt' if refused else 'running',
+            'status': 'matches disagree: position in doubt' if doubted else 'running',
             'position_sigma_m': float(np.sqrt(np.trace(state.nav.P[0:3, 0:3]))),
             'speed_mps': float(np.linalg.norm(state.nav.velocity)),
             'chainage_m': state.chainage,
@@ -271,7 +273,7 @@ class CoasterEskf:
             nav = eskf.propagate(nav, step.f, step.w, dt, q, step.time_s)
             chainage = self.line.project(nav.position, state.chainage)
             state = FusedState(
-                nav, chainage, state.last_match_s, state.refused_since_s, state.last_zupt_s
+                nav, chainage, state.last_match_s, state.doubted_since_s, state.last_zupt_s
             )
         if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
             return self._zupt(state, step)

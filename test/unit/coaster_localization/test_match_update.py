@@ -128,6 +128,23 @@ def test_usual_speeds_are_the_design_s_over_the_seam_of_a_lap():
         assert usual[row] == pytest.approx(10.0 + (chainage - 26.0) / 20.0, abs=0.1)
 
 
+def test_matches_that_steadily_disagree_are_believed_though_none_is_refused(circle):
+    """Weighed less for their distance and for being alike, they would never win otherwise."""
+    update = MatchUpdate(circle, EskfConfig(relocate_s=2.0))
+    state = state_at(circle, 30.0, 0.3)
+    for k in range(14):
+        time_s = 10.0 + 0.2 * k
+        still = state.nav._replace(
+            time_s=time_s, x=np.r_[state.nav.x[:3], np.zeros(3), state.nav.x[6:]]
+        )
+        before = state._replace(nav=still)
+        state = update(before, match_at(circle, 34.0, 0.8, time_s))
+        assert 9.0 < update.last_nis < 50.0 or time_s >= 12.0
+    assert not update.refused
+    assert len(update.relocated) == 1
+    assert circle.project(state.nav.position, 34.0) == pytest.approx(34.0, abs=0.5)
+
+
 def test_a_match_off_the_gate_is_refused_then_believed(circle):
     config = dataclasses.replace(EskfConfig(), relocate_s=1.0)
     update = MatchUpdate(circle, config)
@@ -139,7 +156,7 @@ def test_a_match_off_the_gate_is_refused_then_believed(circle):
         state = update(before, match_at(circle, 60.0, 0.5, time_s))
         if k < 4:
             assert state.nav is nav
-            assert state.refused_since_s == 10.0
+            assert state.doubted_since_s == 10.0
     assert len(update.refused) == 4
     assert len(update.relocated) == 1
     assert np.linalg.norm(state.nav.position - circle.point(60.0)) < 1.0

@@ -209,7 +209,7 @@ def test_a_filter_that_is_wrong_gives_in_to_steady_matches(ride, line, matches):
         if i == moved:
             s = filter_.history.state.chainage
             filter_.set_start(line.point(s + 60.0), np.eye(3) * 0.01)
-        doubted |= filter_.diagnostics()['status'].startswith('matches refused')
+        doubted |= filter_.diagnostics()['status'].startswith('matches disagree')
     assert doubted
     assert filter_.diagnostics()['relocations'] >= 1
     truth = ride.truth.position_at(np.array([sample.time_s]))[0]
