@@ -4,8 +4,18 @@ The paper's SINS/DR filter, its equations by number (paper 4): 19 states, sequen
 The error state is that of the inertial navigation (15), the dead-reckoned position's (3) and the
 odometer's scale (1). While fixes are good they correct it (BDS/SINS); with three satellites they
 correct it in the plane; else the difference of the navigated and the dead-reckoned position does,
-eqs (4), (5). Dead reckoning starts where the fixes end. The paper works in north-east-down; here
+eqs (4), (5). Dead reckoning starts anew at every fix. The paper works in north-east-down; here
 axes are east-north-up and the attitude error is in the body, see ``estimation.ins``.
+
+What the paper leaves open, and settings decide:
+
+- From fix to fix the two positions are compared as well, so that the odometer's scale is known when
+  an outage begins, and the heading is the way's: the 19 states have no angle for the IMU's mounting
+  in the car, which goes into the attitude error. A way that does not fit is that of a slipping
+  wheel, and is left out until the next fix; in an outage nothing is, as in the paper.
+- They are compared in the plane, in which the paper tells its errors. In height the mounting's
+  pitch would have to be a tilt against gravity, which the accelerometers deny.
+- A fix that does not fit is left out, unless too many follow each other.
 """
 
 from __future__ import annotations
@@ -17,7 +27,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from track_localization import GRAVITY
-from track_localization.estimation.sequential import update
+from track_localization.estimation.sequential import innovation, update
 from train_localization import kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
@@ -30,6 +40,8 @@ Array = NDArray[np.float64]
 SIZE, DR, SCALE = 19, 15, 18
 FADING_MEMORY = 0.95
 """Of the innovation's variance, eq. (6)."""
+OFF = np.full(3, math.inf)
+"""Innovation variances of channels that do not fade."""
 LONGEST_STEP_S = 2.0
 """An odometer's speed tells nothing of what was longer ago [s]: dead reckoning begins anew."""
 
@@ -68,7 +80,7 @@ def correct(
     Correct the navigation by a position ``ahead`` (3,) of it [m], one axis after the other.
 
     ``other`` is where the error of that position stands in the state, -1 where it has none.
-    ``V`` (3,) are the channels' innovation variances, filled with NaN where fading is off.
+    ``V`` (3,) are the channels' innovation variances, infinite where fading is off.
     """
     dx, h = np.zeros(SIZE), np.zeros(SIZE)
     for k in range(axes):
@@ -80,6 +92,20 @@ def correct(
             V[k] = fade(P, h, R[k], ahead[k] - h @ dx, V[k], limit)
         update(P, h, R[k], ahead[k], dx)
     kernels.give(nav, aux, dx)
+
+
+@njit(cache=True)
+def greatest_nis(P: Array, ahead: Array, R: Array, other: int, axes: int) -> float:
+    """Return the greatest NIS of an axis of what ``correct`` is told likewise."""
+    worst, h, nothing = 0.0, np.zeros(SIZE), np.zeros(SIZE)
+    for k in range(axes):
+        h[:] = 0.0
+        h[k] = 1.0
+        if other >= 0:
+            h[other + k] = -1.0
+        nu, S = innovation(P, h, R[k], ahead[k], nothing)
+        worst = max(worst, nu * nu / S)
+    return worst
 
 
 class PaperFilter:
@@ -101,7 +127,7 @@ class PaperFilter:
         P = np.diag(sigma**2)
         P[:9, :9] = start.covariance
         state = self._inertial.start(start)
-        channels = np.full(3, math.nan if self._config.paper.fading else math.inf)
+        channels = np.full(3, math.nan) if self._config.paper.fading else OFF
         return state._replace(aux=np.concatenate([np.zeros(10), channels]), P=P)
 
     def apply(self, state: Fused, heard: Heard) -> Fused:
@@ -130,13 +156,25 @@ class PaperFilter:
         ahead = kernels.apart(nav, fix.latitude, fix.longitude, fix.height)
         ahead -= nav[3:6] * (fix.time_s - state.time_s)
         R = np.maximum(np.diag(fix.covariance), self._config.paper.gnss_sigma_m**2)
-        off = np.full(3, math.inf)
-        correct(nav, state.aux[:10], state.P, ahead, R, -1, heard.axes, off, 1.0)
+        paper, again = self._config.paper, state.refused_fixes >= self._config.paper.recover_after
+        settling = again or fix.time_s - state.began_s < SETTLING_S
+        nis = greatest_nis(state.P, ahead, R, -1, heard.axes)
+        if nis > paper.gate and not settling:
+            return state._replace(refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis)
+        correct(nav, state.aux[:10], state.P, ahead, R, -1, heard.axes, OFF.copy(), 1.0)
         self._set_dead_reckoning(state)
-        return state._replace(fixed_s=fix.time_s, axes=heard.axes)
+        began_s = fix.time_s if again else state.began_s
+        return state._replace(
+            fixed_s=fix.time_s,
+            axes=heard.axes,
+            refused_fixes=0,
+            refused_wheel=0,
+            nis=nis,
+            began_s=began_s,
+        )
 
     def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
-        """Carry the dead-reckoned position on; correct by it where there is no fix, eq. (4)."""
+        """Carry the dead-reckoned position on, and correct by it."""
         nav, aux, P = state.nav, state.aux, state.P
         elapsed = heard.time_s - state.wheel_s
         state = state._replace(wheel_s=heard.time_s)
@@ -150,16 +188,26 @@ class PaperFilter:
         aux[6:9] += way * R_nb[:, 0]
         self._carry(P, R_nb, way, run)
         lost = state.axes == 0 or state.time_s - state.fixed_s > LOST_AFTER_S
-        if not lost:
-            return state
+        return self._compare(state, heard, lost) if lost or self._config.paper.compares else state
+
+    def _compare(self, state: Fused, heard: WheelSpeed, lost: bool) -> Fused:
+        """Correct by the difference of the two positions, eq. (4)."""
+        nav, aux, P, paper = state.nav, state.aux, state.P, self._config.paper
+        axes = 3 if paper.height else 2
+        if lost and state.refused_wheel:
+            self._set_dead_reckoning(state)  # the way since the last fix was that of a slip
         ahead = aux[6:9] + nav[3:6] * (state.time_s - heard.time_s)
-        R = np.full(3, self._config.paper.dr_sigma_m**2)
+        R = np.full(3, (paper.dr_sigma_m if lost else paper.way_sigma_m) ** 2)
+        if not lost:
+            nis = greatest_nis(P, ahead, R, DR, axes)
+            if nis > paper.gate:
+                return state._replace(refused_wheel=state.refused_wheel + 1, reason='slip', nis=nis)
         settling = state.time_s - state.began_s < SETTLING_S
-        V = np.full(3, math.inf) if settling else aux[10:13]
+        V = aux[10:13] if lost and not settling else OFF.copy()
         before = nav[:3].copy()
-        correct(nav, aux[:10], P, ahead, R, DR, 3, V, self._config.paper.fading_limit)
+        correct(nav, aux[:10], P, ahead, R, DR, axes, V, paper.fading_limit)
         aux[6:9] += kernels.apart(nav, *before)
-        return state
+        return state._replace(refused_wheel=0) if lost else state
 
     @staticmethod
     def _carry(P: Array, R_nb: Array, way: float, run: float) -> None:

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from track_localization.estimation import so3
-from track_localization.estimation.earth import gravity
+from track_localization.estimation.earth import curvature_radii, gravity
 from train_localization import paper_filter
 from train_localization.alignment import start_at
-from train_localization.config import TrainConfig
+from train_localization.config import PaperConfig, TrainConfig
 from train_localization.kernels import moved
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.paper_filter import PaperFilter
 from train_localization.state import Fix, Stretch
 
-LATITUDE, V = 0.7, 50.0
+LATITUDE, V, NORTH = 0.7, 50.0, 0.5 * math.pi
 H = np.array([1.0, 0.0])
 
 
@@ -48,11 +48,92 @@ def test_the_factor_has_a_limit():
     assert faded(60.0, math.nan, limit=1.05)[1] == pytest.approx(4.2)
 
 
-def north(t, stamps):
+def north(t, stamps, pitch=0.0):
     """Return a stretch of level motion northward without turning, from ``t`` on [s]."""
-    force = np.array([0.0, 0.0, gravity(LATITUDE, 0.0)])
+    force = so3.matrix_from_rpy(0.0, pitch, NORTH).T @ [0.0, 0.0, gravity(LATITUDE, 0.0)]
     n = len(stamps)
     return Stretch(stamps[-1], np.array(stamps), np.zeros((n, 3)), np.tile(force, (n, 1)))
+
+
+def ride(until_s, lost_s=math.inf, told=V, jump=(), pitch=0.0, **paper):
+    """
+    Yield (filter's state, reason) after everything heard on a way due north at 50 m/s from a start.
+
+    ``told`` is the odometer's speed, or a function of time; fixes, one a second, are true until
+    ``lost_s`` but for those at times in ``jump``, 60 m east.
+    """
+    config = TrainConfig(paper=PaperConfig(**paper))
+    filter_, geodetic = PaperFilter(config), np.array([LATITUDE, 0.3, 0.0])
+    R_nb, spread = so3.matrix_from_rpy(0.0, pitch, NORTH), np.diag([1.0] * 3 + [1e-6] * 3)
+    start = start_at(0.0, geodetic, R_nb, spread, V, 0.1)
+    state = filter_.start(start._replace(velocity=np.array([0.0, V, 0.0])))
+    for k in range(1, round(10 * until_s) + 1):
+        t = 0.1 * k
+        state = filter_.apply(state, north(t - 0.1, [t - 0.05, t], pitch))
+        yield state, ''
+        state = filter_.apply(state, WheelSpeed(t, told(t) if callable(told) else told, 0.01))
+        yield state, state.reason
+        if k % 10 == 0 and t < lost_s:
+            way = np.array([60.0 if round(t) in jump else 0.0, t * V, 0.0])
+            fix = GnssFix(t, *moved(geodetic, way), np.eye(3))
+            state = filter_.apply(state, Fix(t, fix, 3))
+            yield state, state.reason
+
+
+def last(steps):
+    """Return the last state of a ride."""
+    return list(steps)[-1][0]
+
+
+def test_the_scale_is_learnt_while_there_are_fixes():
+    """An odometer that reads 0.2 % too much; compared in outages only, nothing tells it."""
+    assert last(ride(60.0, told=1.002 * V)).aux[9] == pytest.approx(0.002, rel=0.2)
+    assert abs(last(ride(60.0, told=1.002 * V, compares=False)).aux[9]) < 1e-5
+
+
+def test_a_slip_between_fixes_teaches_nothing():
+    """Wheels that spin by a tenth for 2 s are 10 m in 3 km: a scale of 0.3 %, if believed."""
+
+    def told(t):
+        return 1.1 * V if 30.0 < t < 32.0 else V
+
+    assert abs(last(ride(60.0, told=told)).aux[9]) < 2e-4
+    assert abs(last(ride(60.0, told=told, gate=1e9)).aux[9]) > 2e-3
+
+
+def test_a_slip_just_before_an_outage_does_not_enter_it():
+    """At 29.5 s, after the last fix: 2.5 m too far; dead reckoning begins anew when there is none."""
+
+    def told(t):
+        return 1.1 * V if 29.0 < t < 29.55 else V
+
+    meridian, _ = curvature_radii(LATITUDE)
+    for gate, error in ((16.0, 0.3), (1e9, 0.8)):
+        place = last(ride(45.0, lost_s=29.5, told=told, gate=gate)).nav[0]
+        off = (place - LATITUDE) * meridian - 45.0 * V
+        assert (abs(off) < error) == (gate == 16.0)
+
+
+def test_a_fix_far_off_is_refused_and_many_are_believed():
+    steps = list(ride(20.0, jump=[10]))
+    assert [reason for _, reason in steps].count('gate') == 1
+    _, normal = curvature_radii(LATITUDE)
+    east = normal * math.cos(LATITUDE)
+    assert abs(steps[-1][0].nav[1] - 0.3) * east < 0.5
+    steps = list(ride(45.0, jump=range(10, 99)))
+    assert [reason for _, reason in steps].count('gate') <= 24
+    assert (steps[-1][0].nav[1] - 0.3) * east > 30.0
+
+
+def test_heights_are_not_compared_unless_it_is_set():
+    """An IMU pitched up by 0.3 deg in the car: dead reckoning climbs by 0.26 m/s, the car does not."""
+    pitch = math.radians(-0.3)
+    climbs = {
+        height: last(ride(60.0, lost_s=30.0, pitch=pitch, height=height)).nav[5]
+        for height in (False, True)
+    }
+    assert abs(climbs[False]) < 0.02
+    assert climbs[True] > 0.05
 
 
 def test_dead_reckoning_goes_on_from_the_last_odometer_reading():
