@@ -45,10 +45,10 @@ BIAS_AFTER_REST = 0.2
 LOST_M, DOUBT_DEG = 50.0, 5.0
 AGAINST_FIXES, AGAINST_WHEEL = 4, 10
 """So many fixes and odometer speeds in a row, both refused: it is the filter that is wrong."""
-ALIKE = 10.0
+ALIKE, USUAL = 10.0, 1.5
 """
-A fix that claims more than the usual slow error has more of it; so many in a row, one a second, are
-taken to err alike.
+A fix that claims more than so many times the usual slow error has more of it; so many in a row, one
+a second, are taken to err alike. Under an open sky HDOP changes by less.
 """
 MAP_GATE, MAP_LIMIT = 25.0, 4.0
 ANY = 1e300
@@ -218,7 +218,7 @@ class RobustFilter:
         claimed = np.sqrt(np.maximum(np.diag(fix.covariance), 0.0))
         R = np.maximum(gnss.white_share * claimed, gnss.least_sigma_m) ** 2
         slow = np.array([gnss.slow_sigma_m, gnss.slow_sigma_m, gnss.slow_sigma_up_m])
-        worse = (1.0 - min(gnss.white_share, 1.0) ** 2) * claimed**2 - slow**2
+        worse = (1.0 - min(gnss.white_share, 1.0) ** 2) * claimed**2 - (USUAL * slow) ** 2
         R += ALIKE * np.maximum(worse, 0.0)
         settling = state.time_s - state.began_s < SETTLING_S
         alone = state.refused_fixes >= gnss.recover_after

@@ -10,7 +10,7 @@ from track_localization.estimation.earth import earth_rate, gravity, transport_r
 from track_localization.settings import override
 from train_localization.alignment import start_at
 from train_localization.config import TrainConfig
-from train_localization.kernels import apart, moved
+from train_localization.kernels import SLOW, apart, moved
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.robust_filter import RobustFilter
 from train_localization.state import Fix, Stretch
@@ -66,6 +66,23 @@ def test_usual_fixes_are_followed_as_far_as_their_slow_error_lets():
     share = 0.25 / (0.25 + 0.64)
     assert error == pytest.approx(share, abs=0.25)
     assert sigma == pytest.approx(0.8 * np.sqrt(share), abs=0.15)
+
+
+def told_by(sigma_m):
+    """Return the variance east of place and slow error together after one fix claiming so much."""
+    filter_ = RobustFilter(TrainConfig())
+    covariance = np.diag([100.0**2] * 3 + [1e-6] * 3)
+    R_nb = so3.matrix_from_rpy(0.0, 0.0, np.pi / 2)
+    state = filter_.start(start_at(0.0, BEGIN, R_nb, covariance, V, 0.1))
+    fix = GnssFix(0.0, *BEGIN, np.eye(3) * sigma_m**2)
+    P = filter_.apply(state, Fix(0.0, fix, 3)).P
+    return P[0, 0] + 2.0 * P[0, SLOW] + P[SLOW, SLOW]
+
+
+def test_a_fix_that_claims_a_little_more_counts_by_its_white_part():
+    """At HDOP 1.2 sigma is 1.02 m instead of 0.85: 0.4 of it is white, and tells the course."""
+    assert told_by(1.02) == pytest.approx((0.4 * 1.02) ** 2, rel=0.01)
+    assert told_by(3.0) > 3.0**2
 
 
 @pytest.mark.parametrize('seconds', [7.0, 20.0])
