@@ -102,7 +102,7 @@ def test_a_slip_between_fixes_teaches_nothing():
 
 
 def test_a_slip_just_before_an_outage_does_not_enter_it():
-    """At 29.5 s, after the last fix: 2.5 m too far; dead reckoning begins anew when there is none."""
+    """From the last fix on, 2.5 m too far; dead reckoning begins anew once fixes are missed."""
 
     def told(t):
         return 1.1 * V if 29.0 < t < 29.55 else V
@@ -126,7 +126,7 @@ def test_a_fix_far_off_is_refused_and_many_are_believed():
 
 
 def test_heights_are_not_compared_unless_it_is_set():
-    """An IMU pitched up by 0.3 deg in the car: dead reckoning climbs by 0.26 m/s, the car does not."""
+    """An IMU pitched up by 0.3 deg: dead reckoning climbs by 0.26 m/s, the car does not."""
     pitch = math.radians(-0.3)
     climbs = {
         height: last(ride(60.0, lost_s=30.0, pitch=pitch, height=height)).nav[5]
