@@ -43,11 +43,13 @@ MATCHING = {
 
 TRACK_METHODS = ('track_filter', 'track_filter_lag', 'track_filter_smoothed')
 METHODS = (
-    *('imu', *MATCHING, 'eskf_paper', 'eskf_live', 'eskf', 'eskf_smoothed'),
+    *('imu', *MATCHING, 'eskf_paper', 'eskf_live', 'eskf', 'eskf_smoothed', 'eskf_srdtw'),
     *TRACK_METHODS,
 )
 PAPER_FRONT_END = 'srdtw_paper'
 """SRDTW on Z with the paper's own settings; the other methods have the tuned defaults."""
+SEGMENT_FRONT_END = 'srdtw_multi'
+"""What ``eskf_srdtw`` is fed by, whatever the configuration's matcher: SRDTW at its best."""
 WHOLE_RIDE_S = 1e9
 """A history that never forgets: what a recording allows."""
 
@@ -140,7 +142,7 @@ class _Runner:
         self.config = config
         self.learned = learned
         self._matches: dict[str, tuple[Match, float]] = {}
-        self._filtered: tuple[CoasterEskf, Trajectory, float] | None = None
+        self._filtered: dict[str, tuple[CoasterEskf, Trajectory, float]] = {}
         self._tracked: FilteredRide | None = None
 
     def run(self, name: str) -> MethodResult:
@@ -149,12 +151,14 @@ class _Runner:
             return self._matching(name)
         if name in TRACK_METHODS:
             return self._track_filter(name)
+        fed_by = {'eskf_smoothed': self.front_end, 'eskf_srdtw': SEGMENT_FRONT_END}
+        if name in fed_by:
+            return self._smoothed(name, fed_by[name])
         return {
             'imu': self._imu_only,
             'eskf_paper': self._paper,
             'eskf_live': self._live,
             'eskf': self._default,
-            'eskf_smoothed': self._smoothed,
         }[name]()
 
     @property
@@ -232,25 +236,25 @@ class _Runner:
         rejected = filter_.rejected | {'matcher': dict(matcher.rejected)}
         return MethodResult('eskf_live', trajectory, None, None, rejected, runtime)
 
-    def _run_default(self) -> tuple[CoasterEskf, Trajectory, float]:
-        if self._filtered is None:
-            match, _ = self.match(self.front_end)
+    def _run_default(self, fed_by: str) -> tuple[CoasterEskf, Trajectory, float]:
+        if fed_by not in self._filtered:
+            match, _ = self.match(fed_by)
             begin = time.perf_counter()
             filter_ = self._filter(history_s=WHOLE_RIDE_S)
             feed = observations(match, self.config.matcher.observation_rate_hz)
             trajectory = estimates_to_trajectory(run_filter(filter_, self.imu, feed), self.line)
-            self._filtered = (filter_, trajectory, time.perf_counter() - begin)
-        return self._filtered
+            self._filtered[fed_by] = (filter_, trajectory, time.perf_counter() - begin)
+        return self._filtered[fed_by]
 
     def _default(self) -> MethodResult:
-        filter_, trajectory, seconds = self._run_default()
+        filter_, trajectory, seconds = self._run_default(self.front_end)
         match, match_s = self.match(self.front_end)
         runtime = {'matching': match_s, 'filter': seconds}
         return MethodResult('eskf', trajectory, match, self.front_end, filter_.rejected, runtime)
 
-    def _smoothed(self) -> MethodResult:
-        filter_, _, filter_s = self._run_default()
-        match, match_s = self.match(self.front_end)
+    def _smoothed(self, name: str, fed_by: str) -> MethodResult:
+        filter_, _, filter_s = self._run_default(fed_by)
+        match, match_s = self.match(fed_by)
         begin = time.perf_counter()
         trajectory = smooth(filter_)
         runtime = {
@@ -258,9 +262,7 @@ class _Runner:
             'filter': filter_s,
             'smoothing': time.perf_counter() - begin,
         }
-        return MethodResult(
-            'eskf_smoothed', trajectory, match, self.front_end, filter_.rejected, runtime
-        )
+        return MethodResult(name, trajectory, match, fed_by, filter_.rejected, runtime)
 
     def _track_filter(self, name: str) -> MethodResult:
         config = self.config.track_filter

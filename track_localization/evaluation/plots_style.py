@@ -25,6 +25,7 @@ COLOURS: Mapping[str, str] = {
     'eskf_live': '#00a087',
     'eskf': '#1b7837',
     'eskf_smoothed': '#d55e00',
+    'eskf_srdtw': '#8c6bb1',
     'track_filter': '#4b0092',
     'track_filter_lag': '#8856a7',
     'track_filter_smoothed': '#dc267f',
