@@ -321,6 +321,7 @@ def test_a_bad_initialpose_changes_nothing_and_is_counted(fake):
     for msg in (
         start(spread=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
         start(spread=(1.0, 1.0, 1.0, 0.0, 0.0, 0.07)),
+        start(spread=(1.0, 1.0, 1.0, 1e8, 0.01, 0.01)),
         start(frame='track'),
         start(q=(0.0, 0.0, 0.0, 0.0)),
         start(math.nan),
@@ -330,6 +331,7 @@ def test_a_bad_initialpose_changes_nothing_and_is_counted(fake):
     assert node.filter.starts == []
     assert dict(node.start.rejected) == {
         'no_attitude_covariance': 1,
+        'attitude_unknown': 1,
         'covariance_not_positive': 1,
         'wrong_frame': 1,
         'bad_quaternion': 1,

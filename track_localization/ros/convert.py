@@ -13,6 +13,7 @@ cannot be used. Reasons, alike in every node:
 - ``covariance_not_finite``, ``covariance_asymmetric``, ``covariance_not_positive``: of the position
   block; zero means "unknown" to some senders and "exact" to others, and neither can be fused;
 - ``no_attitude_covariance``: a start that must tell how it is turned does not say how well.
+- ``attitude_unknown``: it says that its attitude is not known to 1 rad: nothing to start from.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ MAX_POSITION, MAX_VARIANCE = 1e7, 1e14
 """Beyond any track [m] and any doubt about it [m^2]."""
 LEAST_VARIANCE = 1e-8
 """Nothing is known better along a track: 0.1 mm [m^2]."""
+MAX_TURN_VARIANCE = 1.0
+"""An attitude known worse than to 1 rad is none to start from: no filter is linear so far."""
 MAX_SPEED = 1e4
 """Beyond any vehicle on a track [m/s]."""
 BALISE_FRAME = 'balise_'
@@ -154,7 +157,10 @@ def full_pose(
     covariance = np.array(msg.pose.covariance, dtype=np.float64).reshape(6, 6)
     if not covariance[3:, 3:].any():
         return 'no_attitude_covariance'
-    return covariance_problem(covariance) or (*read[:3], covariance)
+    reason = covariance_problem(covariance)
+    if reason is None and np.linalg.eigvalsh(covariance[3:, 3:])[-1] > MAX_TURN_VARIANCE:
+        reason = 'attitude_unknown'
+    return reason or (*read[:3], covariance)
 
 
 def chainage(msg: PoseWithCovarianceStamped, frame: str = 'track') -> tuple[float, float] | str:
