@@ -85,9 +85,11 @@ def match_attitude(
     sigma = np.sqrt(P[0, 0])
     r = residual(x, s, rows, step, closed)
     slope = -(log_slope(r) @ rows[i, TURNING : TURNING + 3])
-    spread = np.zeros(3)
+    moved = max(abs(x[1]) * T, 1e-4)
+    spread, lasts = np.zeros(3), 1.0
     if sigma > settings[2]:
         # Three points carry the line's bends into the innovation (a statistical linearisation).
+        # What they leave unexplained stays the same until the vehicle has moved as far.
         ahead = min(SQRT3 * sigma, settings[3])
         far = ahead / SQRT3
         plus = residual(x, s + ahead, rows, step, closed)
@@ -98,6 +100,7 @@ def match_attitude(
             square = (4.0 * (r[j] - mean[j]) ** 2) / 6.0
             square += ((plus[j] - mean[j]) ** 2 + (minus[j] - mean[j]) ** 2) / 6.0
             spread[j] = max(square - (slope[j] * far) ** 2, 0.0)
+        lasts = max(1.0, far / moved)
         r = mean
     H = np.zeros((3, ERRORS))
     R = np.ascontiguousarray(attitude_at(rows, step, closed, s).T)
@@ -106,16 +109,15 @@ def match_attitude(
     H[:, MOUNT : MOUNT + 3] = -np.ascontiguousarray(half.T)
     for j in range(3):
         H[j, S] = slope[j]
-    moved = max(abs(x[1]) * T, 1e-4)
     variance = rows[i, SIGMA] ** 2 * max(1.0, settings[0] / moved)
     noise = np.empty(3)
     likelihood = 0.0
     for j in range(3):
-        noise[j] = variance + spread[j]
+        noise[j] = variance + lasts * spread[j]
         own = np.dot(H[j], P @ H[j]) + noise[j]
         ratio = r[j] * r[j] / own
         nis[j] = ratio
-        spot = own - variance + rows[i, SIGMA] ** 2
+        spot = own - noise[j] + spread[j] + rows[i, SIGMA] ** 2
         likelihood -= 0.5 * (min(r[j] * r[j] / spot, 40.0) + np.log(spot))
         if ratio > settings[1]:
             noise[j] += own * (ratio / settings[1] - 1.0)
