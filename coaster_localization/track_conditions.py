@@ -16,13 +16,13 @@ GAP_ACCEL, GAP_RATE = 15.0, 1.5
 
 
 def settings_of(config: TrackFilterConfig) -> Array:
-    """Return the settings (10,) of ``line_bank.close_epoch``."""
+    """Return the settings (11,) of ``line_bank.close_epoch``."""
     c = config
     return np.array(
         [
             *(c.attitude_correlation_m, c.soft_gate, c.spread_m, c.reach_m),
             *(c.speed_noise, c.speed_noise_m, c.zupt_sigma),
-            *(c.vibration_gain, c.gyro_vibration_gain, c.accel_noise),
+            *(c.vibration_gain, c.gyro_vibration_gain, c.accel_noise, c.accel_scale_sigma),
         ],
         dtype=float,
     )

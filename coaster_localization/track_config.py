@@ -60,7 +60,7 @@ class TrackFilterConfig:
         10.0,
     )
     vibration_gain: float = setting(
-        0.8, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
+        0.7, '', 'the same as a multiple of the force above 4 Hz', 0.0, 100.0
     )
     gyro_noise: float = setting(1.5e-4, 'rad/s/sqrt(Hz)', 'angle random walk', 0.0, 1.0)
     gyro_vibration_gain: float = setting(
@@ -68,6 +68,7 @@ class TrackFilterConfig:
     )
     accel_bias_sigma: float = setting(0.05, 'm/s^2', 'accelerometer bias at start', 1e-6, 10.0)
     accel_bias_walk: float = setting(0.003, 'm/s^2/sqrt(s)', 'bias walk', 0.0, 1.0)
+    accel_scale_sigma: float = setting(0.005, '', 'scale error of the accelerometer', 0.0, 0.5)
     gyro_bias_sigma: float = setting(0.006, 'rad/s', 'gyro bias at start', 1e-8, 1.0)
     gyro_bias_walk: float = setting(1.5e-4, 'rad/s/sqrt(s)', 'bias walk', 0.0, 1.0)
     gyro_scale_sigma: float = setting(0.004, '', 'scale error of the gyro', 0.0, 0.5)

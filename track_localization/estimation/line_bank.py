@@ -59,13 +59,13 @@ def close_epoch(
     """
     Predict, compare with the line, and fuse what else is known, for one hypothesis.
 
-    ``settings`` (10,): of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
+    ``settings`` (11,): of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
     multiples of the force's and rate's shake, least white acceleration per sample at 100 Hz
-    [m/s^2]. ``noise`` (6,): of ``predict``; what the shake adds is added here. ``mean`` (6,):
-    running means of force and rate. ``shake`` (7,): variances above 4 Hz of force and rate,
-    standard deviation of the rate. ``quiet``: the sensor shakes no more than at rest;
-    ``level_due``: a standstill may be levelled by. The rest is as in ``line_motion`` and
-    ``line_updates``.
+    [m/s^2], scale error of the force. ``noise`` (6,): of ``predict``; what the shake and errors
+    that last add is added here. ``mean`` (6,): running means of force and rate. ``shake`` (7,):
+    variances above 4 Hz of force and rate, standard deviation of the rate. ``quiet``: the sensor
+    shakes no more than at rest; ``level_due``: a standstill may be levelled by. The rest is as in
+    ``line_motion`` and ``line_updates``.
 
     Return F, the prediction (x, P), the log likelihood, and whether it stands.
     """
@@ -75,6 +75,7 @@ def close_epoch(
     own = noise.copy()
     along = M[0, 0] ** 2 * shake[0] + M[0, 1] ** 2 * shake[1] + M[0, 2] ** 2 * shake[2]
     own[0] += max(settings[9] ** 2, settings[7] ** 2 * along) / 100.0
+    own[0] += line_motion.lasting_noise(x, force, rows, step, closed, settings[0], settings[10])
     own[1] += settings[8] ** 2 * (shake[3] + shake[4] + shake[5]) / 300.0
     F = line_motion.predict(x, P, sums, own, rows, step, closed)
     still = False

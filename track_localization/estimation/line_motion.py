@@ -10,9 +10,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization import GRAVITY
 from track_localization.estimation.line_rows import (
+    CLIMB,
     LEVER,
     RENEWAL,
+    SIGMA,
     SLOWEST,
     SQRT3,
     STRETCH,
@@ -48,13 +51,15 @@ SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
+DRIVE_S = 4.0
+"""How long the force of a drive or brake lasts [s]."""
 STOPPED = 0.3
 """A vehicle slower than this has stopped [m/s]."""
 DRIVEN_PACE = 0.005
 """What is then left of the pace's uncertainty beside the speed's own."""
-UNUSUAL, UNUSUAL_SIGMAS = 0.5, 3.0
-"""A speed off the usual one by more than this share of it, and so many of its own sigmas, is no
-usual one at another pace."""
+UNUSUAL, UNUSUAL_SIGMAS = 0.3, 3.0
+"""A speed off the usual one by more than this share of it, and by so many of its own sigmas, is
+no usual one at another pace."""
 
 
 @numba.njit(cache=True)
@@ -165,6 +170,33 @@ def predict(
 
 
 @numba.njit(cache=True)
+def lasting_noise(
+    x: Array,
+    force: Array,
+    rows: Array,
+    step: float,
+    closed: bool,
+    correlation_m: float,
+    scale_sigma: float,
+) -> float:
+    """
+    Return the white acceleration that stands for errors which last [(m/s^2)^2 s].
+
+    The built line's slope is off by the row's sigma over ``correlation_m``: gravity pulls so much
+    more, the longer the slower the vehicle is. The accelerometer's scale is off by
+    ``scale_sigma``, a share of the specific ``force`` (3,) in body axes along the line, for as
+    long as a drive or brake lasts.
+    """
+    i, _ = row_of(rows, step, closed, x[0])
+    row = rows[i]
+    t = row[TANGENT : TANGENT + 3]
+    level = GRAVITY**2 - row[CLIMB] ** 2
+    slope = row[SIGMA] ** 2 * max(level, 0.0) * correlation_m / max(abs(x[1]), SLOWEST)
+    along = force[0] * t[0] + force[1] * t[1] + force[2] * t[2]
+    return float(slope + (scale_sigma * along) ** 2 * DRIVE_S)
+
+
+@numba.njit(cache=True)
 def follow_drive(
     x: Array,
     P: Array,
@@ -191,7 +223,7 @@ def follow_drive(
     if not (abs(usual) > SLOWEST and np.isfinite(slope)):
         driven[0] = 0.0
         return False
-    if abs(x[1] - usual) > UNUSUAL * abs(usual) + UNUSUAL_SIGMAS * np.sqrt(P[V, V]):
+    if abs(x[1] - usual) > max(UNUSUAL * abs(usual), UNUSUAL_SIGMAS * np.sqrt(P[V, V])):
         driven[0] = x[X_PACE] = 0.0
         F[PACE, :] = 0.0
         P[PACE, :] = 0.0

@@ -182,11 +182,12 @@ def test_rollback_keeps_its_pace(ref, rng, table):
     np.testing.assert_array_equal(P, before)
 
 
-def test_where_others_pass_a_creeping_train_has_no_pace(ref, rng, table):
-    """1 m/s is no share of 14 +- 4: the usual speed is left alone, the pace as at first."""
+@pytest.mark.parametrize('sigma', [0.2, 3.0])
+def test_where_others_pass_a_creeping_train_has_no_pace(ref, rng, table, sigma):
+    """1 m/s is no share of 14 +- 4, however vague: the usual speed is left alone, no pace kept."""
     x, P = ref.state(rng, table, v=1.0), ref.covariance(rng)
     P[1, :], P[:, 1] = 0.0, 0.0
-    P[1, 1] = 0.2**2
+    P[1, 1] = sigma**2
     x[29], others = -0.9, P[:17, :17].copy()
     F = np.eye(18)
     force = table.rows[int(x[0] / table.step_m), 12:15] * -1.0
@@ -211,3 +212,48 @@ def test_a_speed_that_is_not_known_may_be_usual(ref, rng, table):
     )
     assert x[29] == 0.02
     np.testing.assert_array_equal(P, before)
+
+
+def test_a_train_a_third_slower_than_usual_has_no_pace(ref, rng, table):
+    """A train that brakes to a stop where others leave is none of a small pace."""
+    x, P = ref.state(rng, table), ref.covariance(rng)
+    x[1], x[29] = 0.6 * (14.0 + 4.0 * np.sin(x[0] / 30.0)), -0.4
+    P[1, 1] = 0.2**2
+    force = table.rows[int(x[0] / table.step_m), 12:15] * -1.0
+    assert line_motion.follow_drive(
+        x, P, np.eye(18), 0.05, *ref.args(table), np.zeros(1), force, 0.02, 0.07
+    )
+    assert x[29] == 0.0
+
+
+@pytest.mark.parametrize('v', [2.0, 8.0])
+def test_the_slope_of_the_built_line_pulls_for_as_long_as_it_lasts(rng, v):
+    """Level line, built in pieces of 6 m each 4 mrad off: the speed after 60 m, over 4000 lines."""
+    level = np.zeros((3, 22))
+    level[:, 12] = level[:, 15] = 1.0
+    level[:, line_rows.SIGMA] = 0.004
+    x = np.zeros(30)
+    x[1] = v
+    pulls = 9.80665 * 0.004 * rng.normal(size=(4000, 10))
+    spread = np.std(pulls.sum(axis=1) * 6.0 / v)
+    density = line_motion.lasting_noise(x, np.zeros(3), level, 100.0, False, 6.0, 0.0)
+    assert np.sqrt(density * 60.0 / v) == pytest.approx(spread, rel=0.05)
+
+
+def test_where_the_line_stands_upright_its_slope_pulls_no_more():
+    upright = np.zeros((3, 22))
+    upright[:, 12] = upright[:, 15] = 1.0
+    upright[:, line_rows.SIGMA], upright[:, line_rows.CLIMB] = 0.004, 9.80665
+    x = np.zeros(30)
+    x[1] = 5.0
+    force = np.array([9.80665, 0.0, 0.0])
+    assert line_motion.lasting_noise(x, force, upright, 100.0, False, 6.0, 0.0) < 1e-12
+
+
+def test_the_scale_of_a_brakes_force_is_off_for_as_long_as_it_lasts():
+    """Braked by 8 m/s^2 for 4 s, 0.5 % off: 0.16 m/s."""
+    level = np.zeros((3, 22))
+    level[:, 12] = level[:, 15] = 1.0
+    force = np.array([-8.0, 1.0, 9.8])
+    density = line_motion.lasting_noise(np.ones(30), force, level, 100.0, False, 6.0, 0.005)
+    assert np.sqrt(density * 4.0) == pytest.approx(0.16)
