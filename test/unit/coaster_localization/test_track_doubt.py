@@ -81,6 +81,23 @@ def test_a_doubtful_start_is_weighed(ride):
     assert filter_.hypotheses == 1
 
 
+@pytest.mark.parametrize(('track', 'seed'), [('mine', 423), ('wooden', 412)])
+def test_back_in_the_station_no_departure_is_made_up(track, seed):
+    """
+    The line is built askew in the slow brakes and the station, and the train a tenth slow there.
+
+    The place drifts, but the standing train does not take the speed of those that leave, and no
+    answer is off by more than a metre and five sigmas.
+    """
+    ride = simulate_coaster(track, scenario('nominal'), seed)
+    start_m = float(ride.design.chainage[0])
+    filter_ = CoasterTrackFilter(line_map(ride.design, CONFIG), start_m, CONFIG)
+    _, error, sigma, _ = follow(ride, filter_)
+    known = np.isfinite(error)
+    assert not ((error > 1.0) & (error > 5.0 * np.hypot(sigma, 0.026)))[known].any()
+    assert error[known][-1] < 5.0
+
+
 def bank(*places):
     """Return states, covariances (sigma 1 m) and equal weights of hypotheses at these places."""
     X = np.zeros((len(places), NOMINAL))
