@@ -35,10 +35,16 @@ def smooth_epochs(epochs: Sequence[Epoch]) -> tuple[Array, Array]:
 def _backward(
     x: Array, P: Array, x_before: Array, P_before: Array, F: Array, x_next: Array, P_next: Array
 ) -> None:
-    """Smooth one epoch in place: ``x``, ``P`` are the filter's, ``*_next`` the smoothed."""
+    """
+    Smooth one epoch in place: ``x``, ``P`` are the filter's, ``*_next`` the smoothed.
+
+    Where one hypothesis took another's place the next epoch is not all that this one led to, and
+    what is left of a variance may be less than nothing: the filter's own then stands.
+    """
     G = gain(P, P_before, F)
     new = P + G @ (P_next - P_before) @ np.ascontiguousarray(G.T)
-    P[:, :] = 0.5 * (new + new.T)
+    if np.diag(new).min() > 0.0:
+        P[:, :] = 0.5 * (new + new.T)
     line_state.add_error(x, G @ line_state.difference(x_next, x_before))
 
 

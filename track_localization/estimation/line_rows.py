@@ -66,9 +66,7 @@ def usual_speed(
     """
     Return the usual speed at ``s`` [m/s], its slope [1/s] and spread; NaN where not known.
 
-    Statistically linearised for a chainage known to ``sigma`` [m]: three points at 0 and
-    +-sqrt(3) sigma tell mean and slope, and what they leave is part of the spread. That of
-    running backward, which is negative, where ``v`` says that the vehicle does.
+    That of running backward, which is negative, where ``v`` says that the vehicle does.
     """
     column = SPEED if v > ROLLBACK else BACK
     i, share = row_of(rows, step, closed, s)
@@ -76,9 +74,4 @@ def usual_speed(
     reach = min(max(SQRT3 * sigma, 0.5), 10.0)
     j, _ = row_of(rows, step, closed, s + reach)
     k, _ = row_of(rows, step, closed, s - reach)
-    ahead, behind = rows[j, column] - usual, rows[k, column] - usual
-    mean, slope = (ahead + behind) / 6.0, (ahead - behind) / (2.0 * reach)
-    # Of the points' variance, weights 4 1 1, what a straight line does not explain.
-    bent = (4.0 * mean**2 + (ahead - mean) ** 2 + (behind - mean) ** 2) / 6.0
-    bent = max(bent - (slope * reach) ** 2 / 3.0, 0.0)
-    return usual + mean, slope, np.sqrt(rows[i, column + 1] ** 2 + bent)
+    return usual, (rows[j, column] - rows[k, column]) / (2.0 * reach), rows[i, column + 1]

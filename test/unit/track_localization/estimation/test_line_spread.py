@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from track_localization.estimation import line_rows, line_updates
+from track_localization.estimation import line_updates
 from track_localization.track.centreline import Centreline
 from track_localization.track.line_map import LineMap
 
@@ -122,23 +122,3 @@ def test_a_bend_that_is_not_felt_is_not_told_anew_at_every_comparison(ref):
         line_updates.match_attitude(x, P, 0.05, *ref.args(table), settings, np.zeros(3))
     assert x[0] < 58.0
     assert abs(x[0] - 54.0) < 2.0 * np.sqrt(P[0, 0])
-
-
-@pytest.mark.parametrize('s0', [98.5, 100.0, 101.0])
-def test_usual_speed_of_a_vague_place_has_the_moments_of_a_fine_grid(s0):
-    """Braked from 10 to 1 m/s until 100 m, then driven at 1 m/s; sigma of the place 1.5 m."""
-    chainage, sigma = np.arange(0.0, 200.01, 0.05), 1.5
-    rows = np.zeros((len(chainage), line_rows.BACK + 2))
-    rows[:, line_rows.SPEED] = np.maximum(1.0, 10.0 - 0.9 * (chainage - 90.0))
-    rows[:, line_rows.SPEED_SIGMA] = 0.1
-    s = np.linspace(s0 - 12.0, s0 + 12.0, 40001)
-    weight = np.exp(-0.5 * ((s - s0) / sigma) ** 2)
-    weight /= weight.sum()
-    speed = np.interp(s, chainage, rows[:, line_rows.SPEED])
-    mean, slope = weight @ speed, weight @ ((s - s0) * speed) / sigma**2
-    left = weight @ (speed - mean - slope * (s - s0)) ** 2
-    got = line_rows.usual_speed(rows, 0.05, False, s0, 5.0, sigma)
-    # The corner, half a metre a second from the mean, is what three points follow least.
-    assert got[0] == pytest.approx(mean, abs=0.2)
-    assert got[1] == pytest.approx(slope, abs=0.1)
-    assert got[2] == pytest.approx(np.sqrt(left + 0.1**2), rel=0.5)
