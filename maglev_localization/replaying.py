@@ -78,8 +78,14 @@ class ReplayingCore:
         self._told, self._history = (chainage, variance), None
 
     def after_gap(self, gap_s: float) -> None:
-        """Start again where the train was, with all that it may have travelled as doubt."""
-        if self._latest is not None:
+        """
+        Start again where the train was, with all that it may have travelled as doubt.
+
+        Where nothing was given out yet there is nothing to go on from: then start anew.
+        """
+        if self._latest is None:
+            self._history, self._first_s = None, math.nan
+        else:
             speed = abs(self._latest.speed) + SPEED_MARGIN_MPS
             reach = min(speed * gap_s + self._latest.sigma_along, self._length)
             self.set_start(self._latest.chainage, reach**2)

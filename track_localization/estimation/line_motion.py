@@ -51,8 +51,11 @@ SUM_TIME, SUM_FORCE, SUM_TURN, SUM_SCALED, SUMS = 0, 1, 4, 13, 22
 
 DRIVEN_ACCEL, DRIVEN_S = 0.25, 0.5
 """An unusual drive or brake is at least this strong [m/s^2], over this time [s]."""
-DRIVE_S = 4.0
-"""How long the force of a drive or brake lasts [s]."""
+DRIVE_S = 1.0
+"""How long the force of a drive or brake keeps its strength [s]."""
+SLOPE_SHARE = 0.5
+"""How far the built line's slope is off, of how far a match of its attitude is: half of that is
+the sensor's and the seat's."""
 STOPPED = 0.3
 """A vehicle slower than this has stopped [m/s]."""
 DRIVEN_PACE = 0.005
@@ -182,8 +185,8 @@ def lasting_noise(
     """
     Return the white acceleration that stands for errors which last [(m/s^2)^2 s].
 
-    The built line's slope is off by the row's sigma over ``correlation_m``: gravity pulls so much
-    more, the longer the slower the vehicle is. The accelerometer's scale is off by
+    The built line's slope is off by a share of the row's sigma over ``correlation_m``: gravity
+    pulls so much more, the longer the slower the vehicle is. The accelerometer's scale is off by
     ``scale_sigma``, a share of the specific ``force`` (3,) in body axes along the line, for as
     long as a drive or brake lasts.
     """
@@ -191,7 +194,8 @@ def lasting_noise(
     row = rows[i]
     t = row[TANGENT : TANGENT + 3]
     level = GRAVITY**2 - row[CLIMB] ** 2
-    slope = row[SIGMA] ** 2 * max(level, 0.0) * correlation_m / max(abs(x[1]), SLOWEST)
+    sigma = SLOPE_SHARE * row[SIGMA]
+    slope = sigma**2 * max(level, 0.0) * correlation_m / max(abs(x[1]), SLOWEST)
     along = force[0] * t[0] + force[1] * t[1] + force[2] * t[2]
     return float(slope + (scale_sigma * along) ** 2 * DRIVE_S)
 

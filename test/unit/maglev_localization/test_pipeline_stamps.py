@@ -111,6 +111,20 @@ def test_what_late_messages_meet_is_counted_too(train, method):
 
 
 @pytest.mark.parametrize('method', ['robust', 'kalman'])
+def test_ten_years_after_the_first_message_it_starts_anew(train, method):
+    """Nothing was given out before: predicted over ten years, a state is rounding errors."""
+    pipeline = make(train, method)
+    stream = train.measurements()[:400]
+    pipeline.push(next(z for z in stream if isinstance(z, LoopPosition)))
+    later = [z._replace(time_s=z.time_s + 3.2e8) for z in stream]
+    estimates = run(pipeline, later)
+    assert len(estimates) > 40
+    for estimate in estimates:
+        assert np.diag(estimate.covariance)[:2].min() > 0.0
+    assert abs(estimates[-1].chainage - run(make(train, method), stream)[-1].chainage) < 1.0
+
+
+@pytest.mark.parametrize('method', ['robust', 'kalman'])
 @pytest.mark.parametrize('gap_s', [10.0, 100.0])
 @pytest.mark.parametrize('counting', [True, False])
 def test_after_a_gap(make_train, method, gap_s, counting):
