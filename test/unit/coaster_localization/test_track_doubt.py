@@ -81,15 +81,14 @@ def test_a_doubtful_start_is_weighed(ride):
     assert filter_.hypotheses == 1
 
 
-@pytest.mark.parametrize(('track', 'seed'), [('mine', 423), ('wooden', 412)])
-def test_back_in_the_station_no_departure_is_made_up(track, seed):
+def test_back_in_the_station_no_departure_is_made_up():
     """
     The line is built askew in the slow brakes and the station, and the train a tenth slow there.
 
     The place drifts, but the standing train does not take the speed of those that leave, and no
     answer is off by more than a metre and five sigmas.
     """
-    ride = simulate_coaster(track, scenario('nominal'), seed)
+    ride = simulate_coaster('mine', scenario('nominal'), 423)
     start_m = float(ride.design.chainage[0])
     filter_ = CoasterTrackFilter(line_map(ride.design, CONFIG), start_m, CONFIG)
     _, error, sigma, _ = follow(ride, filter_)
