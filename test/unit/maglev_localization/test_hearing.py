@@ -6,28 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from helpers.maglev_bank import MEAN, SHARE, close, joseph, one
 from scipy import stats
 
 from maglev_localization import bank, hearing, standing
-from maglev_localization.line_kernels import SIZE, A, B, C, K, S, V
+from maglev_localization.line_kernels import SIZE, A, B, C, K, V
 
-SHARE = 0.5
 PITCH, R_LOOP, R_RADAR = 0.2, 0.004, 0.01
 MISSED, EXTRA, BURST = 3e-4, 1e-4, 1e-3
 POSITION = np.eye(SIZE)[C] - np.eye(SIZE)[B]
-MEAN = np.array([500.0, 20.0, 0.0, -400.0, 0.0, 0.005])
-SIGMA = np.array([0.03, 0.05, 0.1, 0.1, 1e-4, 2e-3])
-
-
-def one(mean=MEAN, sigma=SIGMA, **changes):
-    """Return a bank of one hypothesis, federated; ``v=3.0`` sets a mean."""
-    names = {'c': C, 'v': V, 'a': A, 'b': B, 's': S, 'k': K}
-    mean = mean.copy()
-    for name, value in changes.items():
-        mean[names[name]] = value
-    x = np.tile(mean, (1, 2, 1))
-    P = np.tile(np.diag(np.asarray(sigma) ** 2) / SHARE, (1, 2, 1, 1))
-    return np.zeros(1), x, P
 
 
 def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED):
@@ -37,17 +24,6 @@ def hear_loop(state, reading, pitch=PITCH, most=100, burst=BURST, missed=MISSED)
 def hear_radar(state, speed, most=100, outlier=0.02, slip=1.5e-4, unseen=(0.0, 0.0), least=0.0):
     settings = (outlier, slip, 0.03, least)
     return hearing.hear_radar(*state, speed, R_RADAR, *settings, *unseen, most, 0.5)
-
-
-def joseph(x, P, H, nu, R):
-    gain = P @ H / (H @ P @ H + R)
-    part = np.eye(SIZE) - np.outer(gain, H)
-    return x + gain * nu, part @ P @ part.T + R * np.outer(gain, gain)
-
-
-def close(P, expected, share=1e-9):
-    d = np.sqrt(np.diag(expected))
-    return bool(np.abs((P - expected) / np.outer(d, d)).max() < share)
 
 
 def test_densities_are_scipys(rng):

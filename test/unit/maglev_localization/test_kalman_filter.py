@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.maglev_bank import close, joseph
 
 from maglev_localization.config import MaglevConfig
 from maglev_localization.kalman_filter import KalmanFilter
@@ -23,17 +24,6 @@ def moving(table=TABLE, **changes):
     memory = belief.memory._replace(reading=499.9, sampled_s=100.0, changed_s=100.0, used_s=100.0)
     P = np.diag(np.array([0.03, 0.05, 0.1, 0.1, 1e-4, 2e-3]) ** 2)
     return filter_, belief._replace(x=mean, P=P, memory=memory, **changes)
-
-
-def joseph(x, P, H, nu, R):
-    gain = P @ H / (H @ P @ H + R)
-    part = np.eye(SIZE) - np.outer(gain, H)
-    return x + gain * nu, part @ P @ part.T + R * np.outer(gain, gain)
-
-
-def close(P, expected, share=1e-9):
-    d = np.sqrt(np.diag(expected))
-    return bool(np.abs((P - expected) / np.outer(d, d)).max() < share)
 
 
 def test_radar_is_an_extended_kalman_update():

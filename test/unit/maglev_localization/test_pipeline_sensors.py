@@ -6,36 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers.maglev_pipeline import METHODS, NO_BALISES, inside, make, only, run
 
-from maglev_localization.config import MaglevConfig, MotionConfig
+from maglev_localization.config import MotionConfig
 from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
-from maglev_localization.pipeline import MaglevPipeline
-from track_localization.track.balise_table import BaliseTable
 
-METHODS = ('robust', 'kalman', 'paper')
-NO_BALISES = BaliseTable((), np.zeros(0), np.zeros(0))
 UNKNOWN = MotionConfig(start_known=False)
-
-
-def make(train, method='robust', table=None, length=3000.0, **settings):
-    config = MaglevConfig(method=method, **settings)
-    return MaglevPipeline(config, train.table if table is None else table, length)
-
-
-def run(pipeline, measurements):
-    return [estimate for z in measurements for estimate in pipeline.push(z)]
-
-
-def inside(train, estimates, sigmas, begin_s=0.0):
-    """Whether every estimate from ``begin_s`` on keeps within so many of its sigmas."""
-    time_s, along, sigma, *_ = train.errors(estimates)
-    after = time_s >= begin_s
-    assert after.any()
-    return bool((np.abs(along) <= sigmas * sigma)[after].all())
-
-
-def only(measurements, *kinds):
-    return [z for z in measurements if isinstance(z, kinds)]
 
 
 @pytest.mark.parametrize('method', METHODS)
