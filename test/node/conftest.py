@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.replayed import START_S, series
 
+from track_localization.estimation.trajectory import Trajectory
+from track_localization.io.bag_writer import BagWriter
 from track_localization.track.balise_table import BaliseTable, write_balises
 from track_localization.track.track_file import TrackFile, write_track
 
@@ -25,3 +28,32 @@ def maglev_files(tmp_path_factory) -> dict[str, str]:
     axes = (np.tile(axis, (len(points), 1)) for axis in (forward, left, up))
     write_track(folder / 'track.csv', TrackFile(points, *axes))
     return {'balises': str(folder / 'balises.csv'), 'track': str(folder / 'track.csv')}
+
+
+@pytest.fixture
+def talk(ros):
+    """Return a function that sends a message on a topic once somebody listens."""
+    node, publishers = ros.node('talker'), {}
+
+    def publish(topic, msg):
+        if topic not in publishers:
+            publishers[topic] = node.create_publisher(type(msg), topic, 100)
+            ros.wait_matched(publishers[topic])
+            ros.spin_for(0.2)
+        publishers[topic].publish(msg)
+
+    return publish
+
+
+@pytest.fixture
+def write_bag(tmp_path):
+    def write(n=500, rate_hz=100.0):
+        path = tmp_path / 'bag'
+        with BagWriter(path, overwrite=True) as bag:
+            bag.write_imu('imu/data_raw', series(n, rate_hz))
+            truth = Trajectory(START_S + np.arange(20.0) / 10, np.zeros((20, 3)))
+            bag.write_odometry('ground_truth/odometry', truth)
+            bag.write_pose('uwb/pose', truth.time_s + 0.004, truth.position)
+        return str(path)
+
+    return write

@@ -13,87 +13,19 @@ import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
+from helpers.maglev_messages import FakeFilter, balise, loop, radar, start
 from nav_msgs.msg import Odometry, Path
 from rclpy.context import Context
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from maglev_localization.estimate import Estimate
 from maglev_localization.measurements import BalisePassing, LoopPosition, RadarSpeed
 from maglev_localization.nodes.federated_pf import MaglevFederatedPfNode
-from track_localization.ros.convert import seconds, set_stamp
+from track_localization.ros.convert import seconds
 
 ORIGIN, FORWARD = np.array([100.0, 200.0, 5.0]), np.array([0.6, 0.8, 0.0])
 YAW, LENGTH_M = math.atan2(0.8, 0.6), 3000.0
 """The straight line of ``maglev_files``."""
-
-
-class FakeFilter:
-    """Stands for MaglevPipeline: keeps what it was given, answers every speed."""
-
-    chainage, speed = 1234.5, 20.0
-
-    def __init__(self, config, balises, line_length_m) -> None:
-        self.config, self.balises, self.line_length_m = config, balises, line_length_m
-        self.pushed, self.starts, self.resets = [], [], 0
-        self.rejected = {'loop': {'backward_time': 2}, 'balise': {'unknown_id': 1}}
-
-    def push(self, measurement):
-        self.pushed.append(measurement)
-        if not isinstance(measurement, RadarSpeed):
-            return []
-        covariance = np.array([[4.0, 0.2, 0.0], [0.2, 0.25, 0.0], [0.0, 0.0, 0.01]])
-        return [
-            Estimate(measurement.time_s, np.array([self.chainage, self.speed, 0.5]), covariance)
-        ]
-
-    def reset(self) -> None:
-        self.resets += 1
-
-    def set_start(self, chainage, variance) -> str | None:
-        if chainage > 1e4:
-            return 'off_the_line'
-        self.starts.append((chainage, variance))
-        return None
-
-    def diagnostics(self):
-        return {
-            'status': '',
-            'method': 'robust',
-            'n_eff': 7.5,
-            'nis.radar': 0.9,
-            'health.loop': 'isolated',
-            'health.radar': 'ok',
-            'health.balise': 'ok',
-        }
-
-
-def loop(time_s, x=50.0, frame='track', variance=0.01) -> PoseWithCovarianceStamped:
-    msg = PoseWithCovarianceStamped()
-    msg.header.frame_id = frame
-    set_stamp(msg.header.stamp, time_s)
-    msg.pose.pose.position.x, msg.pose.covariance[0] = float(x), variance
-    return msg
-
-
-def balise(time_s, name, x=-0.4, variance=0.0025) -> PoseWithCovarianceStamped:
-    return loop(time_s, x, f'balise_{name}', variance)
-
-
-def radar(time_s, v=20.0, frame='base_link', variance=0.04) -> TwistWithCovarianceStamped:
-    msg = TwistWithCovarianceStamped()
-    msg.header.frame_id = frame
-    set_stamp(msg.header.stamp, time_s)
-    msg.twist.twist.linear.x, msg.twist.covariance[0] = float(v), variance
-    return msg
-
-
-def start(x, y=0.0, z=0.0, frame='map', variance=(4.0, 1.0, 1.0)) -> PoseWithCovarianceStamped:
-    msg = loop(1.0, x, frame)
-    msg.pose.pose.position.y, msg.pose.pose.position.z = float(y), float(z)
-    for k in range(3):
-        msg.pose.covariance[7 * k] = variance[k]
-    return msg
 
 
 @pytest.fixture
@@ -105,24 +37,8 @@ def fake(ros, maglev_files):
     return make
 
 
-@pytest.fixture
-def talk(ros):
-    """Return (node, publish), which sends a message on a topic once somebody listens."""
-    node = ros.node('talker')
-    publishers = {}
-
-    def publish(topic, msg):
-        if topic not in publishers:
-            publishers[topic] = node.create_publisher(type(msg), topic, 100)
-            ros.wait_matched(publishers[topic])
-            ros.spin_for(0.2)
-        publishers[topic].publish(msg)
-
-    return node, publish
-
-
 def test_measurements_reach_the_filter_with_their_own_stamps(ros, fake, talk):
-    node, (_, publish) = fake(), talk
+    node, publish = fake(), talk
     publish('loop/pose', loop(12.25, 50.25))
     publish('radar/twist', radar(11.5, -3.0))
     publish('balise/pose', balise(12.0, 'x_7'))
@@ -232,7 +148,7 @@ def test_initialpose_says_where_the_train_is(
     ros, fake, maglev_files, talk, with_track, msg, expected
 ):
     node = fake(track=maglev_files['track']) if with_track else fake()
-    talk[1]('initialpose', msg)
+    talk('initialpose', msg)
     assert ros.spin_until(lambda: node.filter.starts)
     assert node.filter.starts[0] == pytest.approx(expected, abs=1e-6)
 
@@ -261,8 +177,8 @@ def test_a_bad_initialpose_changes_nothing_and_is_counted(fake, maglev_files):
     }
 
 
-def test_reset_starts_anew(ros, fake, talk):
-    node, (caller, _) = fake(), talk
+def test_reset_starts_anew(ros, fake):
+    node, caller = fake(), ros.node('talker')
     node.on_radar(radar(10.0))
     client = caller.create_client(Trigger, 'maglev_federated_pf/reset')
     assert ros.spin_until(client.service_is_ready)

@@ -2,68 +2,16 @@
 
 import logging
 import shutil
-import sqlite3
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from helpers.bags_by_hand import STORE, imu_rows, imu_series, raw_imu, write_foreign
+from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 
 from track_localization.errors import DataError
-from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.io import bags
 from track_localization.io.bags import BagWriter
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-
-
-def imu_series(n=400, start=5.0):
-    rng = np.random.default_rng(3)
-    time = start + np.arange(n) / 100.0
-    return ImuSeries(time, rng.normal(size=(n, 3)), rng.normal(size=(n, 3)))
-
-
-def raw_imu(sec, nanosec, force=(0.0, 0.0, 9.81)):
-    """Return an Imu message built field by field, apart from the code under test."""
-    t = STORE.types
-    return t['sensor_msgs/msg/Imu'](
-        header=t['std_msgs/msg/Header'](
-            stamp=t['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec), frame_id='imu_link'
-        ),
-        orientation=t['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=0.0),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=t['geometry_msgs/msg/Vector3'](x=0.1, y=0.2, z=0.3),
-        angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=t['geometry_msgs/msg/Vector3'](x=force[0], y=force[1], z=force[2]),
-        linear_acceleration_covariance=np.zeros(9),
-    )
-
-
-def write_foreign(path, topics, storage=StoragePlugin.MCAP, compression=None, version=9):
-    """Write {topic: (type, [(log ns, message)])} with rosbags alone."""
-    writer = Writer(path, version=version, storage_plugin=storage)
-    if compression is not None:
-        writer.set_compression(compression, CompressionFormat.ZSTD)
-    with writer:
-        for topic, (kind, rows) in topics.items():
-            connection = writer.add_connection(topic, kind, typestore=STORE)
-            for ns, message in rows:
-                writer.write(connection, ns, STORE.serialize_cdr(message, kind))
-
-
-def imu_rows(n, start=100):
-    return [
-        ((start + k) * 10**9, raw_imu(start + k, 500_000_000, (float(k), 0.0, 9.81)))
-        for k in range(n)
-    ]
-
-
-@pytest.fixture
-def bag(tmp_path):
-    with BagWriter(tmp_path / 'bag') as writer:
-        writer.write_imu('imu/data_raw', imu_series())
-    return tmp_path / 'bag'
 
 
 @pytest.mark.parametrize('named', ['folder', 'file', 'no metadata'])
@@ -316,104 +264,3 @@ def test_what_was_written_before_an_error_can_be_read(tmp_path):
     with pytest.raises(ZeroDivisionError):
         write_and_fail()
     assert len(bags.read_imu(tmp_path / 'b')[0]) == 7
-
-
-@pytest.mark.parametrize(
-    ('name', 'content'),
-    [('a.mcap', b''), ('a.db3', b''), ('a.mcap', b'rubbish' * 99), ('a.db3', b'rubbish' * 999)],
-)
-def test_files_that_are_no_bags(tmp_path, name, content):
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(DataError, match=name):
-        bags.read_imu(path)
-
-
-def test_missing_and_empty_places(tmp_path):
-    with pytest.raises(DataError, match='no such file'):
-        bags.read_imu(tmp_path / 'nowhere')
-    with pytest.raises(DataError, match=r'no \.mcap or \.db3'):
-        bags.read_imu(tmp_path)
-    (tmp_path / 'metadata.yaml').write_text('rosbag2_bagfile_information: [')
-    with pytest.raises(DataError, match='cannot be opened'):
-        bags.list_topics(tmp_path)
-
-
-def test_broken_metadata_does_not_hide_a_good_storage_file(bag):
-    (bag / 'metadata.yaml').write_text('rosbag2_bagfile_information: [')
-    assert len(bags.read_imu(bag)[0]) == 400
-
-
-def read_or_none(path):
-    """Return what ``read_imu`` gives, or None where it refuses the file and names it."""
-    try:
-        return bags.read_imu(path)
-    except DataError as error:
-        if path.name not in str(error):
-            raise AssertionError(f'the error does not name the file: {error}') from error
-        return None
-
-
-@pytest.mark.parametrize('storage', list(StoragePlugin))
-def test_a_truncated_bag_gives_true_samples_and_counts_the_rest(tmp_path, storage):
-    rows = imu_rows(300)
-    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)}, storage)
-    (whole,) = [p for p in (tmp_path / 'b').iterdir() if p.suffix in bags.STORAGES]
-    content = whole.read_bytes()
-    for cut in np.random.default_rng(1).integers(0, len(content) - 1, 40):
-        path = tmp_path / f'cut{whole.suffix}'
-        path.write_bytes(content[:cut])
-        result = read_or_none(path)
-        if result is not None:
-            series, rejected = result
-            k = series.time_s - 100.5
-            assert np.isin(k, np.arange(300)).all()
-            np.testing.assert_array_equal(series.specific_force[:, 0], k)
-            assert rejected['unreadable'] > 0
-        elif storage == StoragePlugin.MCAP:
-            assert cut < 0.1 * len(content)  # the definitions come first
-
-
-def test_a_truncated_mcap_keeps_its_share(tmp_path):
-    """Half of the bytes of a long recording hold about half of its messages, chunked or not."""
-    rows = imu_rows(9000)
-    for mode in (CompressionMode.NONE, CompressionMode.STORAGE):
-        path = tmp_path / mode.name
-        topics = {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)}
-        write_foreign(path, topics, StoragePlugin.MCAP, mode)
-        file = path / f'{mode.name}.mcap'
-        content = file.read_bytes()
-        file.write_bytes(content[: len(content) * 6 // 10])
-        series, rejected = bags.read_imu(path)
-        assert 4500 < len(series) < 6000
-        assert rejected == {'unreadable': 1}
-
-
-@pytest.mark.parametrize('storage', list(StoragePlugin))
-def test_corrupt_bytes_are_told_or_harmless(tmp_path, storage):
-    """Overwrite stretches of the file: all samples, a counted loss or DataError."""
-    rows = imu_rows(300)
-    write_foreign(tmp_path / 'b', {'/imu/data_raw': ('sensor_msgs/msg/Imu', rows)}, storage)
-    (whole,) = [p for p in (tmp_path / 'b').iterdir() if p.suffix in bags.STORAGES]
-    content = whole.read_bytes()
-    rng = np.random.default_rng(2)
-    for place in rng.integers(0, len(content) - 64, 60):
-        path = tmp_path / f'hit{whole.suffix}'
-        path.write_bytes(content[:place] + rng.bytes(64) + content[place + 64 :])
-        result = read_or_none(path)
-        if result is not None:
-            series, rejected = result
-            assert len(series) == 300 or sum(rejected.values()) > 0
-
-
-def test_a_database_of_a_killed_recorder_is_read(tmp_path):
-    write_foreign(
-        tmp_path / 'b',
-        {'/imu/data_raw': ('sensor_msgs/msg/Imu', imu_rows(4))},
-        StoragePlugin.SQLITE3,
-    )
-    (tmp_path / 'b' / 'metadata.yaml').unlink()
-    with sqlite3.connect(tmp_path / 'b' / 'b.db3') as database:
-        database.execute('DELETE FROM metadata')
-    database.close()
-    assert len(bags.read_imu(tmp_path / 'b')[0]) == 4
