@@ -1,4 +1,4 @@
-"""The mount that the track filter finds, against the simulator's."""
+"""Methods over whole rides: the mount that is found, what feeds a filter, slow sections."""
 
 import numpy as np
 import pytest
@@ -45,3 +45,21 @@ def test_methods_without_a_mount_of_their_own_tell_none():
     ride = simulate_coaster('looping', scenario('nominal'), 1)
     (result,) = run_methods(ride.imu, ride.design, CoasterConfig(), ['dtw_z'])
     assert result.mount is None
+
+
+def test_a_filter_is_not_left_behind_in_a_long_slow_section():
+    """At 3.8 m/s for 50 s it once thought that it crawled, and was 30 m off at the end."""
+    ride = simulate_coaster('launch', scenario('nominal'), 100)
+    (result,) = run_methods(ride.imu, ride.design, CoasterConfig(), ['eskf'])
+    there = result.trajectory.position_at(ride.truth.time_s)
+    error = np.linalg.norm(there - ride.truth.position, axis=1)
+    assert np.nanmax(error[ride.truth.speed > 0.5]) < 12.0
+
+
+def test_the_filter_fed_by_srdtw_says_so_and_gives_its_own_answer():
+    ride = simulate_coaster('looping', scenario('nominal'), 1)
+    names = ['eskf_smoothed', 'eskf_srdtw']
+    usual, segments = run_methods(ride.imu, ride.design, CoasterConfig(), names)
+    assert (usual.fed_by, segments.fed_by) == ('dtw_penalised', 'srdtw_multi')
+    apart = np.linalg.norm(usual.trajectory.position - segments.trajectory.position, axis=1)
+    assert 0.0 < apart.max() < 10.0
