@@ -29,7 +29,7 @@ from coaster_localization.start import (
 )
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.gating import Rejections
-from track_localization.estimation.history import History, TooLateError
+from track_localization.estimation.history import History, Run, TooLateError
 from track_localization.estimation.imu import ImuSample, largest_part
 from track_localization.estimation.imu_monitor import ClockGuard, ImuMonitor, ImuStep
 from track_localization.track.centreline import Centreline
@@ -281,17 +281,21 @@ class CoasterEskf:
 
     def apply_all(
         self, state: FusedState, measurements: Sequence[Prediction | MatchObservation]
-    ) -> list[FusedState]:
+    ) -> list[Run[FusedState]]:
         """Return the states after each measurement, as ``apply`` on one after the other does."""
-        states: list[FusedState] = []
-        while len(states) < len(measurements):
-            steps = plain_steps(state, measurements, len(states))
+        runs: list[Run[FusedState]] = []
+        done = 0
+        while done < len(measurements):
+            steps = plain_steps(state, measurements, done)
+            run: Run[FusedState]
             if steps:
-                states += repeat_steps(state, steps, self.line)
+                run = repeat_steps(state, steps, self.line)
             else:
-                states.append(self.apply(state, measurements[len(states)]))
-            state = states[-1]
-        return states
+                run = (self.apply(state, measurements[done]),)
+            runs.append(run)
+            done += len(run)
+            state = run[-1]
+        return runs
 
     def noise(self, step: ImuStep, dt: float) -> Array:
         """Return a step's process noise (4,): IMU, vibration, and what a gap leaves unknown."""

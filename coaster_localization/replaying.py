@@ -53,22 +53,41 @@ def plain_steps(
     return steps
 
 
+class RepeatedStates:
+    """States after one step after the other, kept as arrays; each is made when asked for."""
+
+    def __init__(
+        self, before: FusedState, time_s: list[float], x: Array, P: Array, chainage: Array
+    ) -> None:
+        """``time_s`` and rows: stamp, nominal state, covariance and chainage after each step."""
+        self._unchanged = before[2:]
+        self._time_s, self._x, self._P, self._chainage = time_s, x, P, chainage
+
+    def __len__(self) -> int:
+        return len(self._time_s)
+
+    def __getitem__(self, k: int, /) -> FusedState:
+        nav = State(self._time_s[k], self._x[k], self._P[k])
+        return FusedState(nav, float(self._chainage[k]), *self._unchanged)
+
+
 def repeat_steps(
     state: FusedState, predictions: Sequence[Prediction], line: LineTable
-) -> list[FusedState]:
+) -> RepeatedStates:
     """
     Return the states after each of ``predictions``, in order of time, from ``state`` on.
 
     They are such as ``plain_steps`` returns, at least one.
     """
     steps = [p.step for p in predictions]
+    time_s = [s.time_s for s in steps]
     x, P, chainage = _repeat(
         state.nav.x,
         state.nav.P,
         state.chainage,
         np.array([s.f for s in steps]),
         np.array([s.w for s in steps]),
-        np.diff([state.nav.time_s, *(s.time_s for s in steps)]),
+        np.diff([state.nav.time_s, *time_s]),
         np.array([p.q for p in predictions]),
         line.position,
         line.axes,
@@ -77,11 +96,7 @@ def repeat_steps(
         line.length,
         line.closed,
     )
-    rest = state[2:]
-    return [
-        FusedState(State(step.time_s, x[k], P[k]), s, *rest)
-        for k, (step, s) in enumerate(zip(steps, chainage.tolist(), strict=True))
-    ]
+    return RepeatedStates(state, time_s, x, P, chainage)
 
 
 @numba.njit(cache=True)

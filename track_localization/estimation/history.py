@@ -11,10 +11,19 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from typing import Generic, TypeVar, cast
+from typing import Generic, Protocol, TypeVar, cast
 
 S = TypeVar('S')
+S_co = TypeVar('S_co', covariant=True)
 M = TypeVar('M')
+
+
+class Run(Protocol[S_co]):
+    """Successive states, of which each may be made when it is asked for: few ever are."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, k: int, /) -> S_co: ...
 
 
 class TooLateError(ValueError):
@@ -34,20 +43,21 @@ class History(Generic[S, M]):
         state: S,
         time_s: float,
         horizon_s: float,
-        apply_all: Callable[[S, Sequence[M]], Sequence[S]] | None = None,
+        apply_all: Callable[[S, Sequence[M]], Sequence[Run[S]]] | None = None,
     ) -> None:
         """
         Begin with ``state`` at ``time_s`` [s].
 
-        ``apply_all`` returns the states after each of several measurements, where there is a
-        quicker way than one ``apply`` after the other; the outcome must be the same.
+        ``apply_all`` returns the states after each of several measurements, in runs one after the
+        other, where there is a quicker way than one ``apply`` at a time; the outcome must be the
+        same.
         """
         self._apply = apply
         self._apply_all = apply_all or self._one_by_one
         self._horizon_s = horizon_s
         self._keys: list[tuple[float, int]] = [(time_s, -1)]
         self._measurements: list[M | None] = [None]
-        self._states: list[S] = [state]
+        self._states: list[tuple[Run[S], int]] = [((state,), 0)]
 
     def __len__(self) -> int:
         return len(self._keys)
@@ -55,11 +65,11 @@ class History(Generic[S, M]):
     @property
     def state(self) -> S:
         """The state after the newest measurement."""
-        return self._states[-1]
+        return self._state(-1)
 
     def state_before(self, count: int) -> S:
         """Return the state before the newest ``count`` measurements; of those kept, the oldest."""
-        return self._states[max(len(self._states) - 1 - count, 0)]
+        return self._state(max(len(self._states) - 1 - count, 0))
 
     @property
     def newest_s(self) -> float:
@@ -85,28 +95,33 @@ class History(Generic[S, M]):
             )
         self._keys.insert(index, key)
         self._measurements.insert(index, measurement)
-        state = self._apply(self._states[index - 1], measurement)
-        self._states.insert(index, state)
+        state = self._apply(self._state(index - 1), measurement)
+        self._states.insert(index, ((state,), 0))
         later = cast('list[M]', self._measurements[index + 1 :])
         if later:
-            self._states[index + 1 :] = self._apply_all(state, later)
+            runs = self._apply_all(state, later)
+            self._states[index + 1 :] = [(run, k) for run in runs for k in range(len(run))]
         replayed = len(later)
         self._trim()
         return replayed
 
-    def _one_by_one(self, state: S, measurements: Sequence[M]) -> list[S]:
+    def _state(self, index: int) -> S:
+        run, k = self._states[index]
+        return run[k]
+
+    def _one_by_one(self, state: S, measurements: Sequence[M]) -> list[Run[S]]:
         states = []
         for measurement in measurements:
             state = self._apply(state, measurement)
             states.append(state)
-        return states
+        return [states]
 
     def entries(self) -> Iterator[tuple[float, M | None, S]]:
         """Yield (stamp, measurement, state after it) in time order; the first has None."""
-        for (time_s, _), measurement, state in zip(
+        for (time_s, _), measurement, (run, k) in zip(
             self._keys, self._measurements, self._states, strict=True
         ):
-            yield time_s, measurement, state
+            yield time_s, measurement, run[k]
 
     def _trim(self) -> None:
         """Forget the oldest entries, in blocks, so that trimming costs little per measurement."""
