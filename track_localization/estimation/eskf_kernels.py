@@ -12,7 +12,7 @@ from track_localization.estimation.so3 import (
     normalised_one,
     product_one,
 )
-from track_localization.estimation.strapdown import dead_reckon_one
+from track_localization.estimation.strapdown import reckon_into
 
 Array = NDArray[np.float64]
 
@@ -51,19 +51,21 @@ def process_noise(densities: Array, f: Array, w: Array, dt: float, extra_accel: 
 @numba.njit(cache=True)
 def transition(x: Array, f: Array, w: Array, dt: float) -> Array:
     """Return F (18, 18)."""
-    F = np.eye(18)
-    fill_transition(x, f, w, dt, F)
-    return F
+    return predict(x, np.eye(18), f, w, dt, np.zeros(4))[2]
 
 
 @numba.njit(cache=True)
-def fill_transition(x: Array, f: Array, w: Array, dt: float, F: Array) -> None:
-    """Write into ``F``, which is the identity or an earlier F, what is not the identity's."""
-    R = x[6:15].reshape((3, 3))
-    a, rate = f - x[15:18], w - x[18:21]
-    R_mid = product_one(R, exp_one(rate * (0.5 * dt)))
-    F[6:9, 6:9] = exp_one(-rate * dt)
+def fill_transition(R_mid: Array, half_turn: Array, a: Array, dt: float, F: Array) -> None:
+    """
+    Write into ``F``, which is the identity or an earlier F, what is not the identity's.
+
+    ``R_mid``: attitude in the middle of the step; ``half_turn``: the rotation from its begin to
+    there; ``a`` (3,): specific force without bias.
+    """
+    turn_back = product_one(half_turn, half_turn).T
     for i in range(3):
+        for j in range(3):
+            F[6 + i, 6 + j] = turn_back[i, j]
         F[i, 3 + i] = dt
         F[3 + i, 15 + i] = dt
         F[6 + i, 12 + i] = -dt
@@ -103,10 +105,16 @@ def predict_into(
     P_new: Array,
 ) -> None:
     """Write a step's F, nominal state and covariance; ``F`` as in ``fill_transition``."""
-    fill_transition(x, f, w, dt, F)
-    R = x[6:15].reshape((3, 3))
-    p, v, R_new = dead_reckon_one(x[0:3], x[3:6], R, f - x[15:18], w - x[18:21], x[21:24], dt)
-    x_new[0:3], x_new[3:6], x_new[6:15], x_new[15:24] = p, v, R_new.ravel(), x[15:24]
+    a, half_angle = np.empty(3), np.empty(3)
+    for i in range(3):
+        a[i] = f[i] - x[15 + i]
+        half_angle[i] = 0.5 * dt * (w[i] - x[18 + i])
+    half_turn = exp_one(half_angle)
+    R_mid = product_one(x[6:15].reshape((3, 3)), half_turn)
+    fill_transition(R_mid, half_turn, a, dt, F)
+    p, v, R_new = x_new[0:3], x_new[3:6], x_new[6:15].reshape((3, 3))
+    reckon_into(x[0:3], x[3:6], R_mid, half_turn, a, x[21:24], dt, p, v, R_new)
+    x_new[15:24] = x[15:24]
     # F P F', exactly symmetric
     rows_times(F, P, work)
     rows_times(F, work.T, P_new)

@@ -127,7 +127,11 @@ def turned_one(R: Array, v: Array) -> Array:
 @numba.njit(cache=True)
 def normalised_one(R: Array) -> Array:
     """Return the rotation nearest to an almost orthonormal matrix (one Newton step)."""
-    return 1.5 * R - 0.5 * product_one(R, product_one(R.T, R))
+    out = product_one(R, product_one(R.T, R))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 1.5 * R[i, j] - 0.5 * out[i, j]
+    return out
 
 
 @numba.njit(cache=True)

@@ -113,14 +113,32 @@ def dead_reckon_one(
     ``f`` and ``w`` are the bias-free means over the interval (paper 1, eq. 17, with the attitude
     taken at the interval's middle, which makes the rule second order). ``g`` (3,) points down.
     """
-    half = exp_one(w * (0.5 * dt))
-    R_mid = product_one(R, half)
-    a = turned_one(R_mid, f) + g
-    return (
-        p + v * dt + a * (0.5 * dt * dt),
-        v + a * dt,
-        normalised_one(product_one(R_mid, half)),
-    )
+    p_new, v_new, R_new = np.empty(3), np.empty(3), np.empty((3, 3))
+    half_turn = exp_one(w * (0.5 * dt))
+    reckon_into(p, v, product_one(R, half_turn), half_turn, f, g, dt, p_new, v_new, R_new)
+    return p_new, v_new, R_new
+
+
+@numba.njit(cache=True)
+def reckon_into(
+    p: Array,
+    v: Array,
+    R_mid: Array,
+    half_turn: Array,
+    f: Array,
+    g: Array,
+    dt: float,
+    p_new: Array,
+    v_new: Array,
+    R_new: Array,
+) -> None:
+    """Write what ``dead_reckon_one`` returns, from the interval's middle and half its turn."""
+    a = turned_one(R_mid, f)
+    for i in range(3):
+        dv = (a[i] + g[i]) * dt
+        p_new[i] = p[i] + (v[i] + 0.5 * dv) * dt
+        v_new[i] = v[i] + dv
+    R_new[:] = normalised_one(product_one(R_mid, half_turn))
 
 
 def gravity_vector(magnitude: float = GRAVITY) -> Array:
