@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 from rclpy.utilities import remove_ros_args
 
 from track_localization.errors import DataError
+from track_localization.ros.executor import StreamExecutor
 from track_localization.settings import walk
 
 Work = Callable[[Node, SingleThreadedExecutor], None]
@@ -72,7 +73,7 @@ def _run(make_node: Callable[[], Node], work: Work, program: str) -> int:
     rclpy's signal handlers shut DDS down at once, wherever the program is. So while the node is
     being made a signal is only noted, and no half-made node is left; a second one interrupts.
     """
-    node, executor = None, SingleThreadedExecutor()
+    node, executor = None, StreamExecutor()
     noted: list[int] = []
 
     def note(number: int, frame: object) -> None:
