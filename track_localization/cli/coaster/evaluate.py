@@ -121,9 +121,9 @@ def _pictures(
 ) -> list[Picture]:
     matches = {name: r.match for name, r in results.items() if r.match is not None}
     sweeps = None
-    if args.sweeps and inputs.markers is not None and 'srdtw_z' in matches:
-        channels = [c for c, m in coaster_sweeps.CHANNELS.items() if m in matches]
-        with Progress(coaster_sweeps.runs(channels), 'sweep') as progress:
+    runs = coaster_sweeps.runs(matches)
+    if args.sweeps and inputs.markers is not None and runs:
+        with Progress(runs, 'sweep') as progress:
 
             def step(label: str) -> None:
                 progress.begin(label)

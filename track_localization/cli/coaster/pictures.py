@@ -148,17 +148,22 @@ def _matches(folder: Path, inputs: Inputs, results: Results, reference: Referenc
 
 
 def _sweeps(folder: Path, sweeps: Sweeps) -> list[Picture]:
-    by_lambda = plots_sweeps.error_by_lambda(
-        folder / 'fig14_lambda.png',
-        np.array(LAMBDA_Y),
-        np.array(RATIO),
-        sweeps.by_lambda,
-        sweeps.matching,
-    )
+    ratio, lambda_y = np.array(RATIO), np.array(LAMBDA_Y)
+    by_lambda = {
+        feed: plots_sweeps.error_by_lambda(
+            folder / f'fig14_{feed}.png', lambda_y, ratio, grid, sweeps.matching[feed]
+        )
+        for feed, grid in sweeps.by_lambda.items()
+    }
     by_channel = plots_sweeps.error_by_channel(
         folder / 'fig15_channels.png', np.array(LAMBDA_X), sweeps.by_channel
     )
     return [
-        Picture(by_lambda, 'Fused error by lambda_y and n, the filter of the paper (Fig. 14).'),
+        *(
+            Picture(
+                file, f"Fused error by lambda_y and n, the paper's filter fed by {feed} (Fig. 14)."
+            )
+            for feed, file in by_lambda.items()
+        ),
         Picture(by_channel, 'Fused error by lambda_x for each channel, n = 1000 (paper, Fig. 15).'),
     ]

@@ -21,6 +21,7 @@ from track_localization.cli.coaster.reproduce_rides import (
     scenarios,
 )
 from track_localization.cli.coaster.sweeps import LAMBDA_X, LAMBDA_Y, RATIO, Sweeps
+from track_localization.cli.coaster.sweeps import runs as swept_runs
 from track_localization.cli.common import guarded, names_among, seed_range
 from track_localization.evaluation import plots_sweeps, provenance
 from track_localization.sim.coaster import TRACKS
@@ -110,7 +111,7 @@ def run(args: argparse.Namespace) -> None:
 
 def make_tasks(args: argparse.Namespace) -> list[Task]:
     """Return the rides to run: the scenario, and the small mounts that one goal needs."""
-    sweeps = not args.no_sweeps and 'srdtw_z' in args.methods
+    sweeps = not args.no_sweeps and swept_runs(args.methods) > 0
     tasks = [
         Task(track, args.scenario, seed, args.methods, sweeps and k < SWEPT_SEEDS)
         for k, seed in enumerate(args.seeds)
@@ -138,7 +139,7 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
     }
     sweeps = reproduce_tables.sweeps_of(nominal)
     if sweeps is not None:
-        tables['fig14'], tables['fig15'] = reproduce_tables.sweep_tables(sweeps)
+        tables |= reproduce_tables.sweep_tables(sweeps)
         reached += reproduce_tables.sweep_goals(sweeps)
         _draw(args.output, sweeps)
     tables['goals'] = goals.table(reached)
@@ -153,13 +154,9 @@ def publish(args: argparse.Namespace, rides: Sequence[Ride]) -> None:
 
 def _draw(folder: Path, sweeps: Sweeps) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    plots_sweeps.error_by_lambda(
-        folder / 'fig14_lambda.png',
-        np.array(LAMBDA_Y),
-        np.array(RATIO),
-        sweeps.by_lambda,
-        sweeps.matching,
-    )
+    for feed, grid in sweeps.by_lambda.items():
+        file, own = folder / f'fig14_{feed}.png', sweeps.matching[feed]
+        plots_sweeps.error_by_lambda(file, np.array(LAMBDA_Y), np.array(RATIO), grid, own)
     plots_sweeps.error_by_channel(
         folder / 'fig15_channels.png', np.array(LAMBDA_X), sweeps.by_channel
     )

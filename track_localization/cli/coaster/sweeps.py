@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ LAMBDA_Y = (0.01, 0.1, 1.0)
 RATIO = (1.0, 10.0, 100.0, 1000.0, 10000.0)
 LAMBDA_X = (0.1, 1.0, 10.0, 100.0)
 CHANNEL_RATIO = 1000.0
+FEEDS = ('srdtw_paper', 'srdtw_z')
+"""What the filter of Fig. 14 is fed by: the paper's own match, and SRDTW on Z at its best."""
 CHANNELS = {'z': 'srdtw_z', 'pitch': 'srdtw_pitch', 'yaw': 'srdtw_yaw', 'roll': 'srdtw_roll'}
 
 
@@ -35,21 +37,21 @@ class Sweeps:
     Mean error at markers [m] after the paper's filter.
 
     Attributes:
-        by_lambda: (J, K) for LAMBDA_Y and RATIO, fed by SRDTW on Z (Fig. 14).
-        matching: that match's own error.
+        by_lambda: (J, K) for LAMBDA_Y and RATIO, by which of FEEDS the filter is fed (Fig. 14).
         by_channel: (K,) for LAMBDA_X at n = 1000, by channel (Fig. 15).
-        matching_by_channel: each match's own error.
+        matching: each match's own error, by feed and by channel.
     """
 
-    by_lambda: Array
-    matching: float
+    by_lambda: dict[str, Array]
     by_channel: dict[str, Array]
-    matching_by_channel: dict[str, float]
+    matching: dict[str, float]
 
 
-def runs(channels: Sequence[str]) -> int:
-    """Return how many times ``sweep`` runs the filter, for progress."""
-    return len(LAMBDA_Y) * len(RATIO) + len(LAMBDA_X) * len(channels)
+def runs(methods: Collection[str]) -> int:
+    """Return how many times ``sweep`` runs the filter on these methods' matches, for progress."""
+    grids = len([feed for feed in FEEDS if feed in methods])
+    channels = len([m for m in CHANNELS.values() if m in methods])
+    return len(LAMBDA_Y) * len(RATIO) * grids + len(LAMBDA_X) * channels
 
 
 def sweep(
@@ -67,7 +69,7 @@ def sweep(
         imu: the recording, in the sensor's axes.
         design: the design ride.
         config: settings; only lambda_x, n and the preset are varied.
-        matches: by method name; those of CHANNELS are used, ``srdtw_z`` must be there.
+        matches: by method name; those of FEEDS and CHANNELS are used.
         reference: must have markers.
         step: called with a label before each run.
     """
@@ -82,10 +84,16 @@ def sweep(
         feed = [m for m in observations(match, config.matcher.rate_hz) if m.time_s <= last_s]
         return _at_markers(estimates_to_trajectory(run_filter(filter_, imu, feed), line), reference)
 
-    grid = [
-        [error(matches['srdtw_z'], y * n, n, f'lambda_y {y:g}, n {n:g}') for n in RATIO]
-        for y in LAMBDA_Y
-    ]
+    by_lambda = {
+        feed: np.array(
+            [
+                [error(matches[feed], y * n, n, f'{feed}, lambda_y {y:g}, n {n:g}') for n in RATIO]
+                for y in LAMBDA_Y
+            ]
+        )
+        for feed in FEEDS
+        if feed in matches
+    }
     by_channel = {
         channel: np.array(
             [error(matches[m], x, CHANNEL_RATIO, f'{channel}, lambda_x {x:g}') for x in LAMBDA_X]
@@ -94,21 +102,21 @@ def sweep(
         if m in matches
     }
     own = {
-        channel: _at_markers(match_trajectory(matches[m]), reference)
-        for channel, m in CHANNELS.items()
+        name: _at_markers(match_trajectory(matches[m]), reference)
+        for name, m in {**{feed: feed for feed in FEEDS}, **CHANNELS}.items()
         if m in matches
     }
-    return Sweeps(np.array(grid), own['z'], by_channel, own)
+    return Sweeps(by_lambda, by_channel, own)
 
 
 def as_figures(sweeps: Sweeps) -> dict[str, float]:
-    """Return the sweeps under names such as ``ly0.1_n100`` and ``pitch_lx10``; see ``collect``."""
-    out = {'match': sweeps.matching}
-    out |= {f'match_{channel}': value for channel, value in sweeps.matching_by_channel.items()}
-    for j, y in enumerate(LAMBDA_Y):
-        out |= {f'ly{y:g}_n{n:g}': float(sweeps.by_lambda[j, k]) for k, n in enumerate(RATIO)}
+    """Return the sweeps as ``srdtw_z_ly0.1_n100``, ``pitch_lx10`` and such; see ``collect``."""
+    out = {f'match_{name}': value for name, value in sweeps.matching.items()}
+    for feed, grid in sweeps.by_lambda.items():
+        for y, row in zip(LAMBDA_Y, grid, strict=True):
+            out |= {f'{feed}_ly{y:g}_n{n:g}': float(e) for n, e in zip(RATIO, row, strict=True)}
     for channel, row in sweeps.by_channel.items():
-        out |= {f'{channel}_lx{x:g}': float(row[k]) for k, x in enumerate(LAMBDA_X)}
+        out |= {f'{channel}_lx{x:g}': float(e) for x, e in zip(LAMBDA_X, row, strict=True)}
     return out
 
 
@@ -120,13 +128,18 @@ def collect(rides: Sequence[Mapping[str, float]]) -> Sweeps | None:
     def median(name: str) -> float:
         return float(np.median([ride[name] for ride in rides]))
 
-    channels = [c for c in CHANNELS if all(f'match_{c}' in ride for ride in rides)]
-    return Sweeps(
-        np.array([[median(f'ly{y:g}_n{n:g}') for n in RATIO] for y in LAMBDA_Y]),
-        median('match'),
-        {c: np.array([median(f'{c}_lx{x:g}') for x in LAMBDA_X]) for c in channels},
-        {c: median(f'match_{c}') for c in channels},
-    )
+    known = [n for n in (*FEEDS, *CHANNELS) if all(f'match_{n}' in ride for ride in rides)]
+    by_lambda = {
+        feed: np.array([[median(f'{feed}_ly{y:g}_n{n:g}') for n in RATIO] for y in LAMBDA_Y])
+        for feed in FEEDS
+        if feed in known
+    }
+    by_channel = {
+        channel: np.array([median(f'{channel}_lx{x:g}') for x in LAMBDA_X])
+        for channel in CHANNELS
+        if channel in known
+    }
+    return Sweeps(by_lambda, by_channel, {name: median(f'match_{name}') for name in known})
 
 
 def _at_markers(estimate: Trajectory, reference: Reference) -> float:

@@ -221,8 +221,9 @@ def test_sweeps_become_medians_over_rides(good):
     def swept(scale: float) -> dict[str, float]:
         grid = scale * (1.0 + np.arange(len(LAMBDA_Y) * len(RATIO))).reshape(len(LAMBDA_Y), -1)
         rows = {c: scale * np.ones(len(LAMBDA_X)) for c in ('z', 'pitch', 'yaw', 'roll')}
-        own = dict.fromkeys(rows, scale)
-        return {f'sweep.{k}': v for k, v in as_figures(Sweeps(grid, scale, rows, own)).items()}
+        own = dict.fromkeys((*rows, 'srdtw_z', 'srdtw_paper'), scale)
+        grids = {'srdtw_paper': -grid, 'srdtw_z': grid}
+        return {f'sweep.{k}': v for k, v in as_figures(Sweeps(grids, rows, own)).items()}
 
     rides = [
         dataclasses.replace(r, about=r.about | swept(scale))
@@ -230,9 +231,13 @@ def test_sweeps_become_medians_over_rides(good):
     ]
     sweeps = reproduce_tables.sweeps_of(Rides([*rides, good[3]]))
     assert sweeps is not None
-    assert sweeps.matching == 3.0
-    assert sweeps.by_lambda[0, 1] == 6.0
+    assert sweeps.matching == dict.fromkeys(sweeps.matching, 3.0)
+    assert sweeps.by_lambda['srdtw_z'][0, 1] == 6.0
     assert sweeps.by_channel['yaw'][0] == 3.0
-    worse_with_n = reproduce_tables.sweep_goals(sweeps)[0]
-    assert worse_with_n.met is False
+    by_n = reproduce_tables.sweep_goals(sweeps)[0]
+    assert by_n.met is True
+    assert 'fed by srdtw_z' in by_n.ours
+    reverse = dataclasses.replace(sweeps, by_lambda={'srdtw_paper': sweeps.by_lambda['srdtw_z']})
+    assert reproduce_tables.sweep_goals(reverse)[0].met is False
+    assert 'fig14_srdtw_paper' in reproduce_tables.sweep_tables(sweeps)
     assert reproduce_tables.sweeps_of(Rides(good)) is None
