@@ -30,7 +30,7 @@ EXAM_SEEDS = range(1000, 1020)
 """Seeds that nothing was tuned on."""
 
 NOT_EXAMINED = ('shuttle',)
-SWEPT_SEEDS = 2
+SWEPT_SEEDS = 5
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -176,7 +176,7 @@ def test_exam_seeds_are_the_default_and_sweeps_are_few():
     assert {t.seed for t in tasks} == set(range(1000, 1020))
     assert len(nominal) == len(small) == 20 * len(args.tracks)
     assert len(args.tracks) >= 4
-    assert sum(t.sweep for t in nominal) == 2 * len(args.tracks)
+    assert sum(t.sweep for t in nominal) == 5 * len(args.tracks)
     assert {t.methods for t in small} == {('eskf_smoothed',)}
 
 
