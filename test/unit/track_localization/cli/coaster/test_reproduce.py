@@ -199,7 +199,7 @@ def test_kept_rides_are_printed_again(tmp_path, good, capsys):
     folder.mkdir()
     for kept in good:
         write_ride(folder / f'nominal_{kept.track}_{kept.seed}.csv', kept, 'old code')
-    arguments = ['--reprint', '--seeds', '0:3', '--tracks', 'looping,mine']
+    arguments = ['--reprint', '--no-sweeps', '--seeds', '0:3', '--tracks', 'looping,mine']
     methods = 'dtw_z,srdtw_z,eskf_smoothed'
     assert reproduce.main([*arguments, '--methods', methods, '--output', str(tmp_path)]) == 0
     printed = capsys.readouterr().out
