@@ -21,6 +21,9 @@ from track_localization.estimation.imu import clean
 from track_localization.evaluation.tabulate import Table
 from track_localization.sim.coaster import SimulatedRide, scenario, simulate_coaster
 
+RUNS = 3
+"""Of each ride; the fastest counts, as others are slowed by what else the machine does."""
+
 
 def method_table(rides: list[SimulatedRide]) -> Table:
     """Return the run time of every method, each with what it is fed by."""
@@ -28,8 +31,13 @@ def method_table(rides: list[SimulatedRide]) -> Table:
     for ride in rides:
         imu, _ = clean(ride.imu)
         length = float(imu.time_s[-1] - imu.time_s[0])
-        for result in run_methods(imu, ride.design, CoasterConfig(), METHODS):
-            times.setdefault(result.name, []).append(length / sum(result.runtime_s.values()))
+        fastest = dict.fromkeys(METHODS, 0.0)
+        for _ in range(RUNS):
+            for result in run_methods(imu, ride.design, CoasterConfig(), METHODS):
+                factor = length / sum(result.runtime_s.values())
+                fastest[result.name] = max(fastest[result.name], factor)
+        for name, factor in fastest.items():
+            times.setdefault(name, []).append(factor)
     rows = [[name, round(statistics.median(factors))] for name, factors in times.items()]
     return Table('Whole rides at 100 Hz, after warm-up', ['method', 'x real time'], rows)
 
@@ -59,7 +67,7 @@ def step_table(ride: SimulatedRide) -> Table:
 
 def main() -> None:
     """Print both tables."""
-    rides = [simulate_coaster('looping', scenario('nominal'), seed) for seed in (1, 2, 3)]
+    rides = [simulate_coaster('looping', scenario('nominal'), seed) for seed in (1, 2)]
     warm = rides[0]
     for _ in run_methods(clean(warm.imu)[0], warm.design, CoasterConfig(), METHODS):
         pass
