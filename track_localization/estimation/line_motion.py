@@ -22,6 +22,7 @@ from track_localization.estimation.line_rows import (
     TANGENT,
     acceleration,
     row_of,
+    usual_slopes,
     usual_speed,
 )
 from track_localization.estimation.line_state import (
@@ -60,9 +61,9 @@ STOPPED = 0.3
 """A vehicle slower than this has stopped [m/s]."""
 DRIVEN_PACE = 0.005
 """What is then left of the pace's uncertainty beside the speed's own."""
-UNUSUAL, UNUSUAL_SIGMAS = 0.3, 3.0
+UNUSUAL, UNUSUAL_SIGMAS = 0.3, 4.0
 """A speed off the usual one by more than this share of it, and by so many of its own sigmas, is
-no usual one at another pace."""
+no usual one at another pace. A train is seldom unusual: three sigmas are sooner an error."""
 
 
 @numba.njit(cache=True)
@@ -235,7 +236,11 @@ def follow_drive(
         P[PACE, PACE] = pace_sigma**2
         return True
     a = acceleration(rows, step, closed, x[0], x[1], force[0], force[1], force[2])
-    unusual = a - x[1] * slope * (1.0 + x[X_PACE])
+    # At a corner of the usual speed, what is usual on either side of it is no drive.
+    low, high = usual_slopes(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
+    rate = x[1] * (1.0 + x[X_PACE])
+    low, high = min(rate * low, rate * high), max(rate * low, rate * high)
+    unusual = a - min(max(a, low), high)
     driven[0] += T / (T + DRIVEN_S) * (unusual - driven[0])
     if abs(driven[0]) < DRIVEN_ACCEL + 0.3 * shake:
         return False

@@ -75,3 +75,23 @@ def usual_speed(
     j, _ = row_of(rows, step, closed, s + reach)
     k, _ = row_of(rows, step, closed, s - reach)
     return usual, (rows[j, column] - rows[k, column]) / (2.0 * reach), rows[i, column + 1]
+
+
+@numba.njit(cache=True)
+def usual_slopes(
+    rows: Array, step: float, closed: bool, s: float, v: float, sigma: float
+) -> tuple[float, float]:
+    """
+    Return the usual speed's lesser and greater slope behind and ahead of ``s`` [1/s].
+
+    Each side to the reach of ``usual_speed``: where the speed has a corner they differ.
+    """
+    column = SPEED if v > ROLLBACK else BACK
+    reach = min(max(SQRT3 * sigma, 0.5), 10.0)
+    i, share = row_of(rows, step, closed, s)
+    j, _ = row_of(rows, step, closed, s + reach)
+    k, _ = row_of(rows, step, closed, s - reach)
+    usual = (1.0 - share) * rows[i, column] + share * rows[i + 1, column]
+    ahead = (rows[j, column] - usual) / reach
+    behind = (usual - rows[k, column]) / reach
+    return min(ahead, behind), max(ahead, behind)

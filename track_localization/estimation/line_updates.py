@@ -132,20 +132,23 @@ def match_speed(
     """
     Fuse the usual speed at this chainage times 1 + pace, if there is one; return the NIS.
 
-    A vehicle that stands is not usual: its speed is left alone.
+    A vehicle that stands is not usual: its speed is left alone where even two sigmas more would
+    be slow.
 
     ``settings`` (2,): what pace leaves unexplained, a share, and the distance over which that
     persists [m]. The row's own standard deviation comes on top.
     """
     usual, slope, spread = usual_speed(rows, step, closed, x[0], x[1], np.sqrt(P[0, 0]))
-    if not (min(abs(usual), abs(x[1])) > SLOWEST and np.isfinite(slope + spread)):
+    fastest = abs(x[1]) + 2.0 * np.sqrt(P[V, V])
+    if not (min(abs(usual), fastest) > SLOWEST and np.isfinite(slope + spread)):
         return 0.0
     pace = 1.0 + x[X_PACE]
     H = np.zeros((1, ERRORS))
     H[0, S], H[0, V], H[0, PACE] = -slope * pace, 1.0, -usual
     nu = np.array([usual * pace - x[1]])
     variance = spread**2 + (settings[0] * usual) ** 2
-    R = np.array([variance * max(1.0, settings[1] / (abs(x[1]) * T))])
+    moved = max(abs(x[1]), SLOWEST) * T
+    R = np.array([variance * max(1.0, settings[1] / moved)])
     own = np.dot(H[0], P @ H[0]) + R[0]
     ratio = nu[0] ** 2 / own
     if ratio > 9.0:

@@ -1,5 +1,7 @@
 """The line filter's prediction: by finite differences and seeded noise; drives and brakes."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -224,6 +226,49 @@ def test_a_train_a_third_slower_than_usual_has_no_pace(ref, rng, table):
         x, P, np.eye(18), 0.05, *ref.args(table), np.zeros(1), force, 0.02, 0.07
     )
     assert x[29] == 0.0
+
+
+@pytest.fixture
+def lift(table):
+    """The same line where trains coast up to a lift that keeps 1 m/s from 100 m on."""
+    other = copy.copy(table)
+    other.rows = table.rows.copy()
+    coasting = np.sqrt(1.0 + 15.0 * np.maximum(100.0 - table.chainage, 0.0))
+    other.set_speed(coasting, np.full(len(coasting), 0.1), np.full(len(coasting), 0.02))
+    return other
+
+
+@pytest.mark.parametrize(('s', 'pull', 'drives'), [(101.0, 0.0, False), (101.0, 2.0, True)])
+def test_where_a_lift_takes_hold_an_even_pull_is_no_drive(ref, rng, lift, s, pull, drives):
+    """
+    Known to 1 m, 1 m beyond the corner, the train may have been slowing a moment ago.
+
+    That it no longer does is usual there; that it gains 2 m/s each second is not.
+    """
+    x, P = ref.state(rng, lift, s=s, v=0.9), ref.covariance(rng)
+    P[0, 0], x[29] = 1.0, 0.0
+    still = line_rows.acceleration(*ref.args(lift), x[0], x[1], 0.0, 0.0, 0.0)
+    row = lift.rows[int(x[0] / lift.step_m)]
+    force, driven = row[12:15] * (pull - still) * row[15], np.zeros(1)
+    followed = [
+        line_motion.follow_drive(x, P, np.eye(18), 0.05, *ref.args(lift), driven, force, 0.0, 0.07)
+        for _ in range(40)
+    ]
+    assert any(followed) == drives
+
+
+@pytest.mark.parametrize(('sigmas', 'unusual'), [(3.5, False), (4.5, True)])
+def test_three_sigmas_off_the_usual_speed_is_sooner_an_error(ref, rng, lift, sigmas, unusual):
+    """On the lift, 0.6 m/s slower than all others, and nothing was felt that made it so."""
+    x, P = ref.state(rng, lift, s=150.0, v=0.4), ref.covariance(rng)
+    P[1, 1], x[29] = (0.6 / sigmas) ** 2, 0.01
+    still = line_rows.acceleration(*ref.args(lift), x[0], x[1], 0.0, 0.0, 0.0)
+    row = lift.rows[int(x[0] / lift.step_m)]
+    force = row[12:15] * -still * row[15]
+    F, driven = np.eye(18), np.zeros(1)
+    assert unusual == line_motion.follow_drive(
+        x, P, F, 0.05, *ref.args(lift), driven, force, 0.02, 0.07
+    )
 
 
 @pytest.mark.parametrize('v', [2.0, 8.0])

@@ -113,6 +113,27 @@ def test_usual_speed_says_nothing_of_a_train_that_stands_or_rolls_back(ref, rng,
     np.testing.assert_array_equal(P, P_before)
 
 
+@pytest.mark.parametrize(('sigma', 'heard'), [(0.05, False), (0.3, True)])
+def test_usual_speed_is_heard_where_the_train_may_be_faster_than_creeping(
+    ref, rng, table, sigma, heard
+):
+    """At 0.3 m/s where 1 m/s is usual: told to 0.3 m/s it may move, told to 0.05 it creeps."""
+    rows = table.rows.copy()
+    rows[:, line_map.SPEED], rows[:, line_map.SPEED_SIGMA] = 1.0, 0.05
+    x, P = ref.state(rng, table, v=0.3), ref.covariance(rng)
+    x[29], before = 0.0, P.copy()
+    P[1] *= sigma / np.sqrt(before[1, 1])
+    P[:, 1] *= sigma / np.sqrt(before[1, 1])
+    # As far as a train at 0.5 m/s comes: 20 m tell one speed.
+    R = np.array([[(0.05**2 + 0.02**2) * 20.0 / (0.5 * 0.05)]])
+    H = np.zeros((1, 18))
+    H[0, 1], H[0, 17] = 1.0, -1.0
+    expected = ref.textbook(x, P, np.array([0.7]), H, R) if heard else (x.copy(), P.copy())
+    args = (rows, table.step_m, False)
+    line_updates.match_speed(x, P, 0.05, *args, np.array([0.02, 20.0]))
+    ref.assert_same_belief((x, P), expected, 5e-3)
+
+
 def test_unknown_usual_speed_says_nothing(ref, rng, table):
     rows = table.rows.copy()
     rows[:, line_map.SPEED] = np.nan
