@@ -213,20 +213,15 @@ class CoasterTrackFilter:
         level = step.time_s - self._leveled_s >= LEVEL_INTERVAL_S
         if level:
             self._leveled_s = step.time_s
-        mean = np.concatenate([step.f_mean, step.w_mean])
-        shake = np.append(step.shake, step.w_std)
-        weight = np.exp(self._log_weight - np.logaddexp.reduce(self._log_weight))
-        rate = max(
-            float(np.linalg.norm(step.w_mean - self.X[0, 20:23])),
-            line_bank.turning(self.X, weight, *self._table),
-        )
-        force_news = share = line_bank.news(T, rate)
-        if float(np.linalg.norm(step.f_mean - self._told)) > NEW_FORCE:
+        share = line_bank.news(T, step.w_mean, self.X, self._log_weight, *self._table)
+        force_news, change = share, step.f_mean - self._told
+        if change @ change > NEW_FORCE**2:
             force_news, self._told = 1.0, step.f_mean
         share *= 1.0 if self._turn_left <= 0.0 else EARLY
         force_news *= 1.0 if self._turn_left <= 0.0 else EARLY
         quiet = is_quiet(step, self._rest) and not (self._hasty and self._turn_left > 0.0)
-        about = (self._settings, process_noise(self.config, step.dt), mean, shake, quiet, level)
+        shaken = (step.mean, step.shake, step.w_std)
+        about = (self._settings, process_noise(self.config, step.dt), *shaken, quiet, level)
         if len(self.X) == 1:
             x, P = self.X[0], self.P[0].copy()
             F, x_before, P_before, likelihood, _ = line_bank.close_epoch(

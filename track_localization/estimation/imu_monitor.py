@@ -6,6 +6,7 @@ Everything here looks at raw samples only, so it is the same however often a fil
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba
@@ -37,6 +38,7 @@ class ImuStep(NamedTuple):
         f_std: largest running standard deviation of the force's axes [m/s^2].
         w_std: the same of the rate [rad/s].
         shake: (6,) running variance above 4 Hz of force and rate, per axis.
+        mean: (6,) ``f_mean`` and ``w_mean``.
     """
 
     time_s: float
@@ -49,6 +51,7 @@ class ImuStep(NamedTuple):
     f_std: float
     w_std: float
     shake: Array
+    mean: Array
 
 
 class ImuMonitor:
@@ -69,7 +72,8 @@ class ImuMonitor:
             self._m[2] = self._m[6] = sample.angular_rate
         self._last = sample
         dt = sample.time_s - last.time_s
-        f_step, w_step, f_mean, w_mean, vibration, f_std, w_std, shake = _advance(
+        # One array of all results: handing out many costs more than computing them.
+        out, vibration, f_std, w_std = _advance(
             self._m,
             last.specific_force,
             last.angular_rate,
@@ -77,17 +81,24 @@ class ImuMonitor:
             sample.angular_rate,
             dt,
         )
+        f, w, f_mean, w_mean = out[0:3], out[3:6], out[6:9], out[9:12]
         return ImuStep(
-            sample.time_s, dt, f_step, w_step, vibration, f_mean, w_mean, f_std, w_std, shake
+            sample.time_s, dt, f, w, vibration, f_mean, w_mean, f_std, w_std, out[12:18], out[6:12]
         )
 
 
 @numba.njit(cache=True)
 def _advance(
     m: Array, f_last: Array, w_last: Array, f: Array, w: Array, dt: float
-) -> tuple[Array, Array, Array, Array, float, float, float, Array]:
+) -> tuple[Array, float, float, float]:
+    """
+    Take a sample into the running figures ``m`` (8, 3).
+
+    Return the step's force and rate, their means and the shake (18,), and the rest of the step.
+    """
     fast = dt / (dt + 1.0 / (2.0 * np.pi * HIGH_PASS_HZ))
     slow = dt / (dt + AVERAGE_S)
+    out = np.empty(18)
     for i in range(3):
         m[0, i] += fast * (f[i] - m[0, i])
         high = f[i] - m[0, i]
@@ -100,11 +111,11 @@ def _advance(
         m[6, i] += fast * (w[i] - m[6, i])
         high = w[i] - m[6, i]
         m[7, i] += slow * (high * high - m[7, i])
+        out[i], out[3 + i] = 0.5 * (f_last[i] + f[i]), 0.5 * (w_last[i] + w[i])
+        out[6 + i], out[9 + i] = m[1, i], m[2, i]
+        out[12 + i], out[15 + i] = m[5, i], m[7, i]
     vibration = np.sqrt((m[5, 0] + m[5, 1] + m[5, 2]) / 3.0)
-    f_std, w_std = np.sqrt(m[3].max()), np.sqrt(m[4].max())
-    f_step, w_step = 0.5 * (f_last + f), 0.5 * (w_last + w)
-    shake = np.concatenate((m[5], m[7]))
-    return f_step, w_step, m[1].copy(), m[2].copy(), vibration, f_std, w_std, shake
+    return out, vibration, np.sqrt(m[3].max()), np.sqrt(m[4].max())
 
 
 class ClockGuard:
@@ -124,7 +135,7 @@ class ClockGuard:
 
     def check(self, time_s: float) -> str | None:
         """Return None to accept, 'restart' to accept after a reset, else why it is refused."""
-        if not np.isfinite(time_s):
+        if not math.isfinite(time_s):
             return 'not_finite'
         if self.latest_s is None or 0.0 < time_s - self.latest_s <= self.max_gap_s:
             self.latest_s, self._candidate_s, self._run = time_s, None, 0

@@ -52,6 +52,7 @@ def close_epoch(
     noise: Array,
     mean: Array,
     shake: Array,
+    rate_std: float,
     quiet: bool,
     level_due: bool,
     nis: Array,
@@ -62,10 +63,10 @@ def close_epoch(
     ``settings`` (11,): of ``match_attitude`` (4), ``match_speed`` (2), sigma of a standstill,
     multiples of the force's and rate's shake, least white acceleration per sample at 100 Hz
     [m/s^2], scale error of the force. ``noise`` (6,): of ``predict``; what the shake and errors
-    that last add is added here. ``mean`` (6,): running means of force and rate. ``shake`` (7,):
-    variances above 4 Hz of force and rate, standard deviation of the rate. ``quiet``: the sensor
-    shakes no more than at rest; ``level_due``: a standstill may be levelled by. The rest is as in
-    ``line_motion`` and ``line_updates``.
+    that last add is added here. ``mean`` (6,): running means of force and rate. ``shake`` (6,):
+    variances above 4 Hz of force and rate; ``rate_std``: standard deviation of the rate. ``quiet``:
+    the sensor shakes no more than at rest; ``level_due``: a standstill may be levelled by. The rest
+    is as in ``line_motion`` and ``line_updates``.
 
     Return F, the prediction (x, P), the log likelihood, and whether it stands.
     """
@@ -99,7 +100,7 @@ def close_epoch(
         line_updates.hold(x, P, settings[6])
         if level_due:
             line_updates.level(x, P, mean[0:3], 0.02)
-            line_updates.still_gyro(x, P, mean[3:6], max(0.3 * shake[6], 2e-4))
+            line_updates.still_gyro(x, P, mean[3:6], max(0.3 * rate_std, 2e-4))
     else:
         likelihood = line_updates.match_attitude(x, P, T, rows, step, closed, settings[0:4], nis)
     if not follows:
@@ -121,6 +122,7 @@ def close_all(
     noise: Array,
     mean: Array,
     shake: Array,
+    rate_std: float,
     quiet: bool,
     level_due: bool,
     force_sigma: float,
@@ -152,6 +154,7 @@ def close_all(
             noise,
             mean,
             shake,
+            rate_std,
             quiet,
             level_due,
             nis,
@@ -195,25 +198,28 @@ LOST_FORCE_LIKELIHOOD = -(1.0 + float(np.log(LOST_FORCE**2)))
 """The same of the force across the line."""
 
 
-def news(T: float, rate: float) -> float:
+@numba.njit(cache=True)
+def news(
+    T: float, rate: Array, X: Array, log_weight: Array, rows: Array, step: float, closed: bool
+) -> float:
     """
     Return how much of a comparison with the line is news, between 0 and 1.
 
-    After ``T`` [s] in which sensor or line turned at ``rate`` [rad/s]: what does not turn shows
-    the same again.
+    After ``T`` [s] in which the sensor showed the mean ``rate`` (3,) [rad/s], or the line turned
+    under the hypotheses by their weight: what does not turn shows the same again.
     """
-    return min(1.0, T / INDEPENDENT_S, rate * T / INDEPENDENT_RAD)
-
-
-@numba.njit(cache=True)
-def turning(X: Array, weight: Array, rows: Array, step: float, closed: bool) -> float:
-    """Return how fast the line turns under the hypotheses [rad/s], by ``weight`` (H,)."""
-    total = 0.0
+    sensor = 0.0
+    for j in range(3):
+        sensor += (rate[j] - X[0, 20 + j]) ** 2
+    most, total, line = log_weight.max(), 0.0, 0.0
     for h in range(len(X)):
         i, _ = line_rows.row_of(rows, step, closed, X[h, 0])
         bend = np.sqrt(rows[i, 9] ** 2 + rows[i, 10] ** 2 + rows[i, 11] ** 2)
-        total += weight[h] * bend * abs(X[h, 1])
-    return total
+        weight = np.exp(log_weight[h] - most)
+        total += weight
+        line += weight * bend * abs(X[h, 1])
+    turned = max(np.sqrt(sensor), line / total) * T
+    return min(1.0, T / INDEPENDENT_S, turned / INDEPENDENT_RAD)
 
 
 @numba.njit(cache=True)

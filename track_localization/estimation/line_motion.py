@@ -144,16 +144,16 @@ def predict(
     P[PACE, :] *= keep
     P[:, PACE] *= keep
     P[PACE, PACE] += noise[5] ** 2 * (1.0 - keep * keep)
-    FP = P.copy()
+    FP = np.zeros((5, ERRORS))
     for r in range(5):
-        for c in range(ERRORS):
-            total = 0.0
-            for k in range(ERRORS):
-                total += F[r, k] * P[k, c]
-            FP[r, c] = total
-    P[:, :] = FP
-    for c in range(5):
-        for r in range(c, ERRORS):
+        for k in range(ERRORS):
+            if F[r, k] != 0.0:
+                for c in range(ERRORS):
+                    FP[r, c] += F[r, k] * P[k, c]
+    P[0:5, :] = FP
+    P[:, 0:5] = FP.T
+    for r in range(5):
+        for c in range(r, 5):
             total = 0.0
             for k in range(ERRORS):
                 total += FP[r, k] * F[c, k]

@@ -54,6 +54,17 @@ def difference(x: Array, reference: Array) -> Array:
 
 
 @numba.njit(cache=True)
+def times(P: Array, h: Array) -> Array:
+    """Return ``P h`` (18,) of a symmetric ``P`` (18, 18) and a ``h`` (18,) that is mostly zero."""
+    out = np.zeros(ERRORS)
+    for k in range(ERRORS):
+        if h[k] != 0.0:
+            for c in range(ERRORS):
+                out[c] += h[k] * P[k, c]
+    return out
+
+
+@numba.njit(cache=True)
 def correct(x: Array, P: Array, nu: Array, H: Array, R: Array) -> None:
     """
     Fuse a measurement of independent parts: ``nu`` (m,), ``H`` (m, 18), variances ``R`` (m,).
@@ -63,14 +74,17 @@ def correct(x: Array, P: Array, nu: Array, H: Array, R: Array) -> None:
     e = np.zeros(ERRORS)
     for i in range(len(nu)):
         h = H[i]
-        Ph = P @ h
-        variance = np.dot(h, Ph) + R[i]
-        gain = Ph / variance
-        e += gain * (nu[i] - np.dot(h, e))
+        Ph = times(P, h)
+        missed, variance = nu[i], R[i]
+        for c in range(ERRORS):
+            missed -= h[c] * e[c]
+            variance += h[c] * Ph[c]
+        weight = 1.0 / variance
         for r in range(ERRORS):
-            for c in range(r, ERRORS):
-                P[r, c] -= gain[r] * Ph[c]
-                P[c, r] = P[r, c]
+            e[r] += Ph[r] * missed * weight
+            for c in range(ERRORS):
+                # This order keeps P symmetric to the last bit.
+                P[r, c] -= Ph[r] * Ph[c] * weight
     add_error(x, e)
     # Tilt and mount are now measured from the corrected attitudes.
     for k in (TILT, MOUNT):

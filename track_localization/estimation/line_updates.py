@@ -33,6 +33,7 @@ from track_localization.estimation.line_state import (
     S,
     V,
     correct,
+    times,
 )
 from track_localization.estimation.so3 import (
     log_one,
@@ -114,7 +115,7 @@ def match_attitude(
     likelihood = 0.0
     for j in range(3):
         noise[j] = variance + lasts * spread[j]
-        own = np.dot(H[j], P @ H[j]) + noise[j]
+        own = np.dot(H[j], times(P, H[j])) + noise[j]
         ratio = r[j] * r[j] / own
         nis[j] = ratio
         spot = own - noise[j] + spread[j] + rows[i, SIGMA] ** 2
@@ -149,7 +150,7 @@ def match_speed(
     variance = spread**2 + (settings[0] * usual) ** 2
     moved = max(abs(x[1]), SLOWEST) * T
     R = np.array([variance * max(1.0, settings[1] / moved)])
-    own = np.dot(H[0], P @ H[0]) + R[0]
+    own = np.dot(H[0], times(P, H[0])) + R[0]
     ratio = nu[0] ** 2 / own
     if ratio > 9.0:
         R[0] += own * (ratio / 9.0 - 1.0)

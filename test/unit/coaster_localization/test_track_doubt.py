@@ -7,7 +7,7 @@ from coaster_localization.track_config import TrackFilterConfig
 from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
 from track_localization.estimation.imu import clean
-from track_localization.estimation.line_bank import merge
+from track_localization.estimation.line_bank import merge, news
 from track_localization.estimation.line_state import ERRORS, NOMINAL
 from track_localization.sim.coaster import scenario, simulate_coaster
 
@@ -130,3 +130,21 @@ def test_the_lightest_go():
     X, P, log_weight = bank(20.0, 200.0)
     log_weight[1] = log_weight[0] - 20.0
     assert list(merge(X, P, log_weight, 1e-7, np.inf)) == [0]
+
+
+def test_what_does_not_turn_shows_the_same_again(ride):
+    """Half a second on the straight tells nothing new; in a bend or a turning sensor it does."""
+    line = line_map(ride.design, CONFIG)
+    bend = np.linalg.norm(line.rows[:, 9:12], axis=1)
+    straight, curve = line.chainage[bend.argmin()], line.chainage[bend.argmax()]
+    table = (line.rows, line.step_m, line.closed)
+    X, _, log_weight = bank(straight, curve)
+    still, turning = np.zeros(3), np.array([0.0, 0.0, 0.12])
+    assert news(0.5, still, X[:1], log_weight[:1], *table) < 0.05
+    assert news(0.5, turning, X[:1], log_weight[:1], *table) == pytest.approx(0.5 * 0.12 / 0.15)
+    X[0, 22] = 0.12
+    assert news(0.5, turning, X[:1], log_weight[:1], *table) < 0.05
+    X[0, 22] = 0.0
+    # Of two hypotheses the likelier says how much the line turns.
+    assert news(0.5, still, X, np.array([0.0, 20.0]), *table) == pytest.approx(0.5 / 0.6)
+    assert news(0.5, still, X, np.array([20.0, 0.0]), *table) < 0.05

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from track_localization.estimation.smoother import rts_smooth
+from track_localization.estimation.smoother import eliminated, gain, rts_smooth
 
 
 def test_smoother_equals_the_batch_posterior():
@@ -51,3 +51,24 @@ def test_smoother_equals_the_batch_posterior():
     for k in range(n):
         block = slice(2 * k, 2 * k + 2)
         np.testing.assert_allclose(P_s[k], covariance[block, block], atol=1e-8)
+
+
+def test_elimination_solves_what_is_positive_definite():
+    """Against the general solver, of 18 states as correlated as a filter's."""
+    rng = np.random.default_rng(4)
+    A = rng.normal(size=(18, 18))
+    A, B = A @ A.T, rng.normal(size=(18, 7))
+    d = 1.0 / np.sqrt(np.diag(A))
+    A *= np.outer(d, d)
+    solution = B.copy()
+    assert eliminated(A.copy(), solution)
+    np.testing.assert_allclose(A @ solution, B, atol=1e-9)
+
+
+def test_gain_of_a_prediction_that_is_not_positive_definite_is_the_general_solvers():
+    """Elimination gives up on it: P F' P_pred^-1 then comes from a solver with pivots."""
+    rng = np.random.default_rng(5)
+    F, P = np.eye(3) + 0.1 * rng.normal(size=(3, 3)), np.diag([1.0, 2.0, 3.0])
+    P_pred = np.array([[1.0, 2.0, 0.1], [2.0, 1.0, 0.2], [0.1, 0.2, 1.0]])
+    assert not eliminated(P_pred.copy(), np.eye(3))
+    np.testing.assert_allclose(gain(P, P_pred, F), P @ F.T @ np.linalg.inv(P_pred), atol=1e-12)
