@@ -13,22 +13,33 @@ from track_localization.evaluation.tabulate import Table
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """One line of the acceptance table; ``met`` is None where nothing was run that tells."""
+    """
+    One line of the acceptance table.
+
+    Attributes:
+        what: is asked.
+        goal: how much of it.
+        ours: what was measured.
+        met: None where nothing was run that tells.
+        best: what can be reached at all, where it is known; a column where any goal has it.
+    """
 
     what: str
     goal: str
     ours: str
     met: bool | None
+    best: str = ''
 
 
 def table(goals: Sequence[Goal]) -> Table:
     """Return the acceptance table."""
     words = {True: 'met', False: 'NOT met', None: ''}
-    return Table(
-        'What it must reach',
-        ('what', 'goal', 'ours', ''),
-        [(g.what, g.goal, 'not run' if g.met is None else g.ours, words[g.met]) for g in goals],
-    )
+    columns = ['what', 'goal', 'ours', '']
+    rows = [[g.what, g.goal, 'not run' if g.met is None else g.ours, words[g.met]] for g in goals]
+    if any(g.best for g in goals):
+        columns.append('best there can be')
+        rows = [[*row, g.best] for row, g in zip(rows, goals, strict=True)]
+    return Table('What it must reach', columns, rows)
 
 
 def at_most(value: float, limit: float) -> bool | None:

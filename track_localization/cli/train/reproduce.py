@@ -14,6 +14,8 @@ from track_localization.cli.train import reproduce_figures, reproduce_goals, rep
 from track_localization.cli.train.reproduce_runs import (
     CASES,
     ENTRIES,
+    FLOOR,
+    FLOOR_CASES,
     KEEPER,
     LINE,
     code_fingerprint,
@@ -48,7 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar='A:B',
         help=f'{EXAM_SEEDS.start}:{EXAM_SEEDS.stop}; {LINE}: the first {LINE_SEEDS} of them',
     )
-    add_exam(parser, tuple(CASES), ENTRIES)
+    add_exam(parser, tuple(CASES), (*ENTRIES, FLOOR))
     parser.add_argument('--no-plots', action='store_true', help='leave the pictures out')
     parser.add_argument('--output', type=Path, default=Path('reproduce', 'train'), metavar='DIR')
     return parser
@@ -67,8 +69,9 @@ def run(args: argparse.Namespace) -> None:
 def make_tasks(args: argparse.Namespace) -> list[Task]:
     """Return the runs to make."""
     entries = tuple(entry for entry in ENTRIES if entry in args.methods)
+    floor = (FLOOR,) if FLOOR in args.methods else ()
     return [
-        Task(name, seed, entries)
+        Task(name, seed, entries + (floor if name in FLOOR_CASES else ()))
         for name in args.scenarios
         for seed in (args.seeds[:LINE_SEEDS] if name == LINE else args.seeds)
     ]
@@ -79,6 +82,7 @@ def publish(args: argparse.Namespace, runs: Sequence[Run], code: str) -> None:
     exam = reproduce_tables.exam_of(runs)
     tables = {
         'outage': reproduce_tables.outage_table(exam),
+        'floor': reproduce_tables.floor_table(exam),
         'honesty': reproduce_tables.honesty_table(exam),
         'speed': reproduce_tables.speed_table(exam),
     }

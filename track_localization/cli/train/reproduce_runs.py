@@ -13,6 +13,7 @@ import track_localization
 import train_localization
 from track_localization.cli.exam_runs import Run, Task, keeper
 from track_localization.cli.kept import Figures, flat
+from track_localization.cli.train.reproduce_floor import floors
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSample
 from track_localization.evaluation.metrics import present
@@ -59,6 +60,8 @@ GROUPS = (
 )
 ENTRIES = (INS, PAPER, PLAIN, ROBUST, MAP, SMOOTHED, SMOOTHED_MAP)
 """All that take part, in the order of the tables."""
+FLOOR = 'floor'
+"""The best estimators there can be; see ``reproduce_floor``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +73,8 @@ class Case:
 
 
 LINE = 'line'
+FLOOR_CASES = ('paper', 'tactical', 'mems', 'slip')
+"""Where the floor is known: one outage, and a map that is what it claims."""
 CASES: Mapping[str, Case] = {
     'paper': Case('paper'),
     'tactical': Case('tactical', {'imu.grade': 'tactical'}),
@@ -89,6 +94,8 @@ def run_task(task: Task) -> Run:
         run = simulate_train(scenario(case.scenario), task.seed)
         for name, result in results(run, case, task.entries):
             entries[name] = flat(figures(result, run))
+        if FLOOR in task.entries:
+            entries[FLOOR] = dict(floors(run, scenario(case.scenario), task.seed))
     except (DataError, ArithmeticError, LookupError, ValueError) as error:
         failed = f'{type(error).__name__}: {error}'
         return Run(task.case, task.seed, {'failed': failed}, entries)
@@ -175,6 +182,6 @@ def code_fingerprint() -> str:
             shared / 'cli' / 'exam_runs.py',
             *(shared / 'evaluation' / f'{n}.py' for n in ('metrics', 'navigation_metrics')),
             *(shared / f'{n}.py' for n in ('evaluation/interpolation', 'geodesy')),
-            shared / 'cli' / 'train' / 'reproduce_runs.py',
+            *(shared / 'cli' / 'train' / f'reproduce_{n}.py' for n in ('runs', 'floor')),
         ]
     )

@@ -11,6 +11,7 @@ from track_localization.cli.exam_runs import Run
 from track_localization.cli.train.reproduce_runs import (
     CASES,
     ENTRIES,
+    FLOOR,
 )
 from track_localization.evaluation.tabulate import Cell, Table
 
@@ -67,6 +68,16 @@ class Runs:
         """Return the share of runs whose figure is within a limit; NaN without any."""
         values = self.values(entry, figure)
         return float(np.mean(values <= limit)) if len(values) else NAN
+
+    def floor(self, entry: str) -> Array:
+        """Return what the best estimator has in place of ``entry``'s MOST, (draws, runs) [m]."""
+        taken = [run.entries[FLOOR] for run in self.all if FLOOR in run.entries]
+        drawn = [[float(v) for n, v in f.items() if n.startswith(f'{entry}.')] for f in taken]
+        return (
+            np.array(drawn, dtype=np.float64).reshape(len(taken), -1).T
+            if taken
+            else np.zeros((0, 0))
+        )
 
     def about(self, name: str) -> Array:
         """Return a number of every run itself, where it has it."""
@@ -128,6 +139,20 @@ def outage_table(exam: Exam) -> Table:
         *('at entry: median', 'along, max: median', 'across, max: median', 'whole run: median'),
     )
     return Table('Level error in the outage [m]', columns, rows)
+
+
+def floor_table(exam: Exam) -> Table:
+    """Return the greatest errors of the best estimators, told all that is true, and of ours."""
+    rows: list[tuple[Cell, ...]] = []
+    for case, runs in exam.items():
+        for entry in ENTRIES:
+            best = runs.floor(entry)
+            if best.size:
+                ours = runs.median(entry, MOST), runs.p95(entry, MOST)
+                drawn = quantile(best.ravel(), 0.5), quantile(best.ravel(), 0.95)
+                rows.append((case, entry, best.size, *drawn, *ours))
+    columns = ('scenario', 'in place of', 'drawn', 'best: median', '95 %', 'ours: median', '95 %')
+    return Table('What the sensors carry: greatest level error in the outage [m]', columns, rows)
 
 
 def honesty_table(exam: Exam) -> Table:
