@@ -3,15 +3,17 @@ What the sensors of a simulated run carry: the errors of an estimator that is to
 
 It is told every statistic of the simulator, the correlation time and the HDOP of these fixes, which
 of them are reflections, which odometer speeds are slips, and the true trajectory, about which its
-errors are linear. Of what makes the problem harder, the odometer's pulses and its scale (plus or
-minus a known figure) are left out, and the Earth's turning. With errors that are linear and normal
-the Kalman filter and the Rauch-Tung-Striebel smoother have the least errors there are: no estimator
-has a smaller probability of being further off than any bound at any one time. (Groves, Principles
-of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., ch. 3 and 14.)
+errors are linear. Of what makes the problem harder, the odometer's pulses are left out, its scale
+(plus or minus a known figure) unless that is not to be told, and the Earth's turning. With errors
+that are linear and normal the Kalman filter and the Rauch-Tung-Striebel smoother have the least
+errors there are: at no one time has any estimator a smaller probability of being further off than
+some bound. (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
+2nd ed., ch. 3 and 14.)
 
-Nothing of an estimator is used here. The error state (26,), estimated minus true, is position,
+Nothing of an estimator is used here. The error state (29,), estimated minus true, is position,
 velocity and attitude against the horizon (east, north, up), the gyro's constant and wandering bias
-and the accelerometer's in the body (3 each), the car's yaw and pitch in it, the fixes' slow error.
+and the accelerometer's in the body (3 each), the car's yaw and pitch in it, the fixes' slow error,
+the odometer's scale, and a constant offset of the map to the left and upward.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ Array = NDArray[np.float64]
 
 STEP_S = 0.5
 """Time between epochs; with 0.1 s the greatest errors are 2 to 5 % greater."""
-SIZE = 26
+SIZE = 29
 R, V, PSI, GYRO, GYRO_WANDER, ACCEL, ACCEL_WANDER = (slice(k, k + 3) for k in range(0, 21, 3))
-MOUNT, SLOW = slice(21, 23), slice(23, 26)
+MOUNT, SLOW, SCALE, OFFSET = slice(21, 23), slice(23, 26), 26, slice(27, 29)
 UNKNOWN_MPS = 1.0
 """Velocity at the start, before the first odometer speed."""
 RAILS_MPS = 1e-3
@@ -69,22 +71,41 @@ class System:
     R: list[Array]
 
 
+class Unknown(NamedTuple):
+    """What the simulator has fixed and an estimator may be told, or not: N(0, this)."""
+
+    scale: float = 1e-9
+    map_m: float = 1e-6
+
+
+TOLD = Unknown()
+UNTOLD_MAP_M = 0.4
+"""What a surveyed map may be off as a whole, where nobody says that it is not."""
+
+
 def floors(run: SimulatedRun, config: TrainSimConfig, seed: int) -> dict[str, float]:
     """
     Return the greatest level error in a run's first outage [m] that the best estimators have.
 
-    Named as the method that may reach it and the draw: ``robust.0``.
+    Named as the method that may reach it and the draw, ``robust.0``; ``untold.robust.0`` where the
+    odometer's scale and the map's offset are not told.
     """
     rng = np.random.default_rng((seed, DRAWS))
+    untold = Unknown(config.odometer.scale, UNTOLD_MAP_M)
     out: dict[str, float] = {}
-    for with_map, (filtered, smoothed) in IN_PLACE_OF.items():
-        time_s, errors = floor_errors(run, config, rng, DRAWS, with_map)
-        begin, end = run.outages[0]
-        inside = (time_s >= begin) & (time_s < end)
-        for name, error in ((filtered, errors.filtered), (smoothed, errors.smoothed)):
-            most = np.hypot(error[inside, 0], error[inside, 1]).max(axis=0)
-            out |= {f'{name}.{k}': float(value) for k, value in enumerate(most)}
+    for prefix, unknown in (('', TOLD), ('untold.', untold)):
+        for with_map, names in IN_PLACE_OF.items():
+            time_s, errors = floor_errors(run, config, rng, DRAWS, with_map, unknown)
+            for name, error in zip(names, (errors.filtered, errors.smoothed), strict=True):
+                most = greatest(time_s, error, run.outages[0])
+                out |= {f'{prefix}{name}.{k}': float(value) for k, value in enumerate(most)}
     return out
+
+
+def greatest(time_s: Array, error: Array, span: tuple[float, float]) -> Array:
+    """Return the greatest level error within a span (draws,) [m], of errors (K, n, draws)."""
+    inside = (time_s >= span[0]) & (time_s < span[1])
+    return np.asarray(np.hypot(error[inside, 0], error[inside, 1]).max(axis=0))
 
 
 class Errors(NamedTuple):
@@ -97,11 +118,18 @@ class Errors(NamedTuple):
 
 
 def floor_errors(
-    run: SimulatedRun, config: TrainSimConfig, rng: Generator, draws: int, with_map: bool
+    run: SimulatedRun,
+    config: TrainSimConfig,
+    rng: Generator,
+    draws: int,
+    with_map: bool,
+    unknown: Unknown = TOLD,
 ) -> tuple[Array, Errors]:
     """Return stamps (K,) [s] and drawn errors of the best estimators along a run's true way."""
     time_s = np.arange(run.time_s[0], run.time_s[-1], STEP_S)
-    return time_s, best_errors(system_of(run, config, time_s, with_map), rng, draws)
+    F, Q = _transitions(run, config, time_s)
+    H, R = _measurements(run, config, time_s, with_map)
+    return time_s, best_errors(System(_start(config, unknown), F, Q, H, R), rng, draws)
 
 
 def best_errors(system: System, rng: Generator, draws: int) -> Errors:
@@ -133,14 +161,7 @@ def best_errors(system: System, rng: Generator, draws: int) -> Errors:
     return Errors(filtered - truth, smoothed - truth, P_filtered, P_smoothed)
 
 
-def system_of(run: SimulatedRun, config: TrainSimConfig, time_s: Array, with_map: bool) -> System:
-    """Return the system of a run's errors about its true way at epochs (K,)."""
-    F, Q = _transitions(run, config, time_s)
-    H, R = _measurements(run, config, time_s, with_map)
-    return System(_start(config), F, Q, H, R)
-
-
-def _start(config: TrainSimConfig) -> Array:
+def _start(config: TrainSimConfig, unknown: Unknown) -> Array:
     """Return the covariance of the errors of an aligned start (n, n)."""
     accel, gyro = figures_of(config.imu)
     level, yaw = start_sigmas(config.start, config.imu)
@@ -151,6 +172,7 @@ def _start(config: TrainSimConfig) -> Array:
     sigma[ACCEL], sigma[ACCEL_WANDER] = accel.bias, accel.wander
     sigma[MOUNT] = np.radians(config.odometer.mount_deg)
     sigma[SLOW] = config.gnss.drift_m, config.gnss.drift_m, config.gnss.drift_up_m
+    sigma[SCALE], sigma[OFFSET] = unknown
     return np.asarray(np.diag(sigma**2))
 
 
@@ -195,7 +217,7 @@ def _measurements(
     car = np.zeros((len(row), 3, SIZE))
     car[:, :, V] = np.swapaxes(C @ run.mount, 1, 2)
     car[:, :, PSI] = car[:, :, V] @ so3.hat(velocity)
-    car[:, 1, MOUNT.start], car[:, 2, MOUNT.start + 1] = speed, -speed
+    car[:, 0, SCALE], car[:, 1, MOUNT.start], car[:, 2, MOUNT.start + 1] = speed, speed, -speed
     rails = np.array([odometer, RAILS_MPS**2, RAILS_MPS**2])
     H, variances = list(car), [rails] * len(row)
     if with_map:
@@ -205,7 +227,7 @@ def _measurements(
         knots = speed * STEP_S * KNOTS / config.survey.correlation_m
         for k in range(len(row)):
             beside = np.zeros((2, SIZE))
-            beside[0, :2], beside[1, 2] = across[k], 1.0
+            beside[0, :2], beside[1, 2], beside[:, OFFSET] = across[k], 1.0, -np.eye(2)
             H[k] = np.concatenate([H[k], beside])
             wander = np.array([told['cross_m'], told['height_m']]) ** 2 / knots[k]
             variances[k] = np.concatenate([variances[k], wander])

@@ -144,10 +144,12 @@ def test_the_best_there_can_be_stands_beside_ours(good):
     exam = reproduce_tables.exam_of(runs)
     assert exam['paper'].floor('robust') == pytest.approx(np.array([[1.0] * 4, [2.0] * 4]))
     assert exam['paper'].floor('robust_map').size == exam['mems'].floor('robust').size == 0
-    assert reproduce_tables.floor_table(exam).rows == [
-        ('paper', 'robust', 8, 1.5, 2.0, 1.4, pytest.approx(1.4)),
-        ('paper', 'smoothed', 8, 1.5, 2.0, 0.6, pytest.approx(0.6)),
+    rows = reproduce_tables.floor_table(exam).rows
+    assert [row[:5] for row in rows] == [
+        ('paper', 'robust', 8, 1.5, 2.0),
+        ('paper', 'smoothed', 8, 1.5, 2.0),
     ]
+    assert [row[7:] for row in rows] == [pytest.approx((1.4, 1.4)), pytest.approx((0.6, 0.6))]
     assert goal(runs, 'robust, no map').best == '1.50 / 2.00 m; such exams that meet the goal: 50%'
     assert goal(runs, 'smoothed over').best == '1.00 / 1.00; such exams that meet the goal: 0%'
     assert table(judged(runs)).columns[-1] == 'best there can be'
