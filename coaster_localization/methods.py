@@ -18,6 +18,7 @@ from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.smoothing import estimates_to_trajectory, run_filter, smooth
 from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import FilteredRide, filter_ride
+from track_localization import garbage
 from track_localization.estimation import so3
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
@@ -97,7 +98,9 @@ def run_methods(
     runner = _Runner(imu, design, config, learned)
     for name in methods:
         progress(name)
-        yield runner.run(name)
+        with garbage.paused():
+            result = runner.run(name)
+        yield result
 
 
 def apply_mount(imu: ImuSeries, mount_rpy_deg: tuple[float, float, float]) -> ImuSeries:

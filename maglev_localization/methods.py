@@ -12,6 +12,7 @@ from maglev_localization.config import MaglevConfig
 from maglev_localization.estimate import Estimate
 from maglev_localization.measurements import Measurement
 from maglev_localization.pipeline import MaglevPipeline
+from track_localization import garbage
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.track.balise_table import BaliseTable
 
@@ -54,7 +55,8 @@ def run_methods(
             begin(name)
         pipeline = MaglevPipeline(dataclasses.replace(config, method=name), balises, line_length_m)
         started = time.perf_counter()
-        estimates = [e for measurement in measurements for e in pipeline.push(measurement)]
+        with garbage.paused():
+            estimates = [e for measurement in measurements for e in pipeline.push(measurement)]
         seconds = time.perf_counter() - started
         notes = () if estimates else ('no estimate at all: it never found a start',)
         yield MethodResult(

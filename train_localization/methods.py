@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from track_localization import garbage
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.geodesy import Datum
 from track_localization.track.centreline import Centreline
@@ -116,6 +117,7 @@ def run_methods(
                 del runs[name]
 
 
+@garbage.paused()
 def _through(
     pipeline: TrainPipeline,
     measurements: Sequence[Measurement],
