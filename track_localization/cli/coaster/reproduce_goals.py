@@ -91,6 +91,7 @@ def mount_of(ride: Ride) -> float:
 
 def _matching(nominal: Rides) -> list[Goal]:
     z = nominal.median('srdtw_z')
+    both_run = np.isfinite(z) and np.isfinite(nominal.median('dtw_z'))
     worse = [
         f'{t} {nominal.on(t).median("srdtw_z"):.3f} against {nominal.on(t).median("dtw_z"):.3f}'
         for t in nominal.tracks
@@ -114,7 +115,7 @@ def _matching(nominal: Rides) -> list[Goal]:
             'srdtw_z better than dtw_z, median of every track',
             'all tracks',
             'worse: ' + '; '.join(worse) if worse else f'all {len(nominal.tracks)}',
-            not worse if nominal.all else None,
+            not worse if both_run else None,
         ),
         Goal('srdtw_multi at markers, median', '<= 0.30 m', f'{multi:.3f} m', at_most(multi, 0.30)),
         Goal(
