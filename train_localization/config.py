@@ -74,7 +74,8 @@ class WheelConfig:
     """The odometer, and what rails forbid."""
 
     sigma_mps: float = setting(0.1, 'm/s', 'of a speed', 1e-3, 10.0)
-    side_sigma_mps: float = setting(0.1, 'm/s', 'of motion across the rails', 1e-3, 10.0)
+    white_share: float = setting(0.7, '', 'of that sigma that is white: pulses cancel', 0.05, 10.0)
+    side_sigma_mps: float = setting(0.05, 'm/s', 'of motion across the rails', 1e-3, 10.0)
     scale_sigma: float = setting(0.005, '', 'of its scale, minus 1', 0.0, 0.5)
     mounting_sigma_deg: float = setting(0.5, 'deg', 'of the IMU in the car, yaw and pitch', 0.0, 45)
     delay_s: float = setting(0.05, 's', 'how old a speed is at its stamp', -5.0, 5.0)
@@ -91,8 +92,9 @@ class MapConfig:
 
     offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the whole map', 0.0, 100.0)
     trusted_sigma_m: float = setting(0.4, 'm', 'of it, while fixes do not speak against', 0.01, 10)
+    trusted_after_s: float = setting(60.0, 's', 'of fixes until that is asked, at most', 0.0, 1e6)
     local_sigma_m: float = setting(0.3, 'm', 'of its wander, across', 0.01, 100.0)
-    height_sigma_m: float = setting(0.3, 'm', 'of its wander, upward', 0.01, 100.0)
+    height_sigma_m: float = setting(0.2, 'm', 'of its wander, upward', 0.01, 100.0)
     wander_m: float = setting(300.0, 'm', 'length over which it wanders', 0.0, 1e5)
     course_sigma_deg: float = setting(0.2, 'deg', 'of its direction', 1e-3, 45.0)
     rate_hz: float = setting(1.0, 'Hz', 'how often it is used', 0.01, 100.0)

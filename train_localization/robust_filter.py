@@ -180,11 +180,12 @@ class RobustFilter:
         return self._line(state, speed) if self._track is not None else state
 
     def _line(self, state: Fused, speed: float) -> Fused:
-        """Use the surveyed line, and trust it when fixes have gone."""
+        """Use the surveyed line; trust it after a while, or when fixes have gone."""
         line, now = self._config.map, state.time_s
         nav, aux, P = state.nav, state.aux, state.P
         trusted = state.trusted
-        if not trusted and now - state.fixed_s > LOST_AFTER_S:
+        lost = now - state.fixed_s > LOST_AFTER_S
+        if not trusted and (lost or now - state.began_s > line.trusted_after_s):
             map_kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
             trusted = True
         if now - state.mapped_s < 1.0 / line.rate_hz - 1e-6:
@@ -254,7 +255,8 @@ class RobustFilter:
             wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
         )
         gained = state.gain * (state.time_s - heard.time_s + max(wheel.delay_s, 0.0))
-        R = max(wheel.sigma_mps**2, heard.variance)
+        claimed = max(wheel.sigma_mps**2, heard.variance)
+        R = wheel.white_share**2 * claimed
         settling = state.time_s - state.began_s < SETTLING_S
         if settling:
             R += (SETTLING_SHARE * heard.speed) ** 2
@@ -262,7 +264,7 @@ class RobustFilter:
             P[3:6, 3:6] += np.eye(3) * (heard.speed - kernels.speed_of(nav)) ** 2
             settling = True
         gate = ANY if settling else wheel.gate
-        nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, gate)
+        nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, claimed, gate)
         if nis > gate:
             return state._replace(refused_wheel=state.refused_wheel + 1, reason='slip', nis=nis)
         return state._replace(refused_wheel=0, nis=nis)
