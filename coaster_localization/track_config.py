@@ -25,11 +25,11 @@ class TrackFilterConfig:
     )
     reach_m: float = setting(25.0, 'm', 'most that this looks ahead and back', 0.5, 200.0)
     line_sigma_m: float = setting(
-        0.026, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
+        0.022, 'm', 'built track and seat against the design line, each axis', 1e-4, 10.0
     )
     # Speed prior
     speed_sigma: float = setting(
-        0.07, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
+        0.06, '', "a ride's speed against the design's, as a share; 0: not used", 0.0, 10.0
     )
     speed_correlation_m: float = setting(
         1000.0, 'm', 'distance over which this deviation persists', 0.1, 1e5
