@@ -59,7 +59,7 @@ class GnssConfig:
 
     slow_sigma_m: float = setting(0.8, 'm', 'slow horizontal error', 0.0, 100.0)
     slow_sigma_up_m: float = setting(1.5, 'm', 'slow vertical error', 0.0, 100.0)
-    slow_s: float = setting(300.0, 's', 'its correlation time', 1.0, 1e5)
+    slow_s: float = setting(400.0, 's', 'its correlation time', 1.0, 1e5)
     white_share: float = setting(0.4, '', 'of the claimed sigma that is white', 0.05, 10.0)
     least_sigma_m: float = setting(0.3, 'm', 'least white sigma that is believed', 1e-3, 100.0)
     hdop_limit: float = setting(5.0, '', 'fixes above it are not used', 0.5, 1e3)
@@ -74,8 +74,7 @@ class WheelConfig:
     """The odometer, and what rails forbid."""
 
     sigma_mps: float = setting(0.1, 'm/s', 'of a speed', 1e-3, 10.0)
-    white_share: float = setting(0.7, '', 'of that sigma that is white: pulses cancel', 0.05, 10.0)
-    side_sigma_mps: float = setting(0.05, 'm/s', 'of motion across the rails', 1e-3, 10.0)
+    side_sigma_mps: float = setting(0.04, 'm/s', 'of motion across the rails', 1e-3, 10.0)
     scale_sigma: float = setting(0.005, '', 'of its scale, minus 1', 0.0, 0.5)
     mounting_sigma_deg: float = setting(0.5, 'deg', 'of the IMU in the car, yaw and pitch', 0.0, 45)
     delay_s: float = setting(0.05, 's', 'how old a speed is at its stamp', -5.0, 5.0)

@@ -238,21 +238,20 @@ def _body_velocity(nav: Array, n: int) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def wheel(
-    nav: Array, aux: Array, P: Array, speed: float, gained: float, R: float, claimed: float,
-    gate: float,
-) -> float:  # fmt: skip
+    nav: Array, aux: Array, P: Array, speed: float, gained: float, R: float, gate: float
+) -> float:
     """
     Update with an odometer's speed [m/s], in place; return its NIS, above ``gate`` unused.
 
-    ``gained`` is what the train has gained since the speed was measured [m/s]; ``R`` the variance
-    that lasts when speeds are added up, ``claimed`` that of one, which the NIS is taken with.
+    ``gained`` is what the train has gained since the speed was measured [m/s].
     """
     v, H = _body_velocity(nav, P.shape[0])
     stretch = 1.0 + aux[SCALE - 9]
     h = H[0]
     h[SCALE] = speed / stretch**2
     nu = speed / stretch + gained - v[0]
-    nis = nu * nu / (claimed + h @ P @ h)
+    S = R + h @ P @ h
+    nis = nu * nu / S
     if nis <= gate:
         dx = np.zeros(P.shape[0])
         update(P, h, R, nu, dx)

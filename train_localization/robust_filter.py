@@ -255,8 +255,7 @@ class RobustFilter:
             wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
         )
         gained = state.gain * (state.time_s - heard.time_s + max(wheel.delay_s, 0.0))
-        claimed = max(wheel.sigma_mps**2, heard.variance)
-        R = wheel.white_share**2 * claimed
+        R = max(wheel.sigma_mps**2, heard.variance)
         settling = state.time_s - state.began_s < SETTLING_S
         if settling:
             R += (SETTLING_SHARE * heard.speed) ** 2
@@ -264,7 +263,7 @@ class RobustFilter:
             P[3:6, 3:6] += np.eye(3) * (heard.speed - kernels.speed_of(nav)) ** 2
             settling = True
         gate = ANY if settling else wheel.gate
-        nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, claimed, gate)
+        nis = kernels.wheel(nav, aux, P, heard.speed, gained, R, gate)
         if nis > gate:
             return state._replace(refused_wheel=state.refused_wheel + 1, reason='slip', nis=nis)
         return state._replace(refused_wheel=0, nis=nis)
