@@ -151,12 +151,14 @@ def bent_covariance(line: LineMap, s: Array, sigma: Array) -> Array:
     return out
 
 
-def to_trajectory(time_s: Array, x: Array, P: Array, line: LineMap, sigma: float) -> Trajectory:
+def to_trajectory(
+    time_s: Array, x: Array, P: Array, line: LineMap, sigma: float | Array
+) -> Trajectory:
     """
     Return states (N, 30) of the line filter as a trajectory.
 
     ``P`` (N, 2, 2) is the covariance of chainage and its rate, ``sigma`` how far the vehicle may
-    be off the line, each axis [m].
+    be off the line, each axis, one for all or (N,) [m].
     """
     s = x[:, 0] % line.length if line.closed else x[:, 0]
     rows = np.clip(np.round(s / line.step_m).astype(int), 0, len(line.rows) - 1)
@@ -168,7 +170,7 @@ def to_trajectory(time_s: Array, x: Array, P: Array, line: LineMap, sigma: float
     covariance = along[:, None, None] * np.einsum('ni,nj->nij', tangent, tangent)
     vague = P[:, 0, 0] > BENT_M**2
     covariance[vague] = bent_covariance(line, x[vague, 0], np.sqrt(P[vague, 0, 0]))
-    covariance += sigma**2 * np.eye(3)
+    covariance += np.multiply.outer(np.broadcast_to(sigma, len(s)) ** 2, np.eye(3))
     speed = x[:, 1] * stretch
     return Trajectory(
         time_s=time_s,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from coaster_localization.start import Rest, is_quiet
 from coaster_localization.track_conditions import GAP_S, process_noise, settings_of
 from coaster_localization.track_config import TrackFilterConfig
+from coaster_localization.track_crooked import Crookedness
 from coaster_localization.track_departure import TURN_AT_REST, TURN_UNDER_WAY, Departure
 from coaster_localization.track_mixture import figures, mixture, opened
 from coaster_localization.track_sought import sought
@@ -91,6 +92,7 @@ class CoasterTrackFilter:
         self._rejections = Rejections()
         self._clock = ClockGuard()
         self.accepted = {'imu': 0}
+        self._crooked = Crookedness()
         self._restart()
 
     def _restart(self) -> None:
@@ -112,6 +114,11 @@ class CoasterTrackFilter:
     def hypotheses(self) -> int:
         """How many places are thought possible."""
         return len(self.X) if self._running else 0
+
+    @property
+    def widened(self) -> float:
+        """By how much variances are too small, the line being more crooked than expected."""
+        return self._crooked.factor
 
     def set_start(self, chainage_m: float, sigma_m: float) -> None:
         """Say where the train is now, or, before there was a rest, where it will start [m]."""
@@ -202,10 +209,10 @@ class CoasterTrackFilter:
             self._close_epoch(step)
         if len(self.X) == 1:
             P = opened(self.P[0], self.lost, self.line.length)
-            return TrackState(step.time_s, self.X[0].copy(), P, self.lost)
+            return TrackState(step.time_s, self.X[0].copy(), P, self.lost, self.widened)
         h, P = mixture(self.X, self.P, self._log_weight)
         P = opened(P, math.exp(self._log_lost), self.line.length)
-        return TrackState(step.time_s, self.X[h].copy(), P, self.lost)
+        return TrackState(step.time_s, self.X[h].copy(), P, self.lost, self.widened)
 
     def _close_epoch(self, step: ImuStep) -> None:
         T = step.time_s - self._epoch_s
@@ -228,6 +235,7 @@ class CoasterTrackFilter:
                 x, P, self._sums[0], self._driven[0], *self._table, *about, self._nis
             )
             self.P = P[None]
+            self._crooked.push(self._nis, float(x[1]), math.sqrt(max(float(P_before[0, 0]), 0.0)))
             self._log_weight[0] += share * likelihood
             if self._on_epoch is not None:
                 if self._first:

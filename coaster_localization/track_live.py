@@ -13,7 +13,7 @@ from coaster_localization.track_estimate import TrackEstimate
 from coaster_localization.track_filter import CoasterTrackFilter
 from coaster_localization.track_map import line_map
 from coaster_localization.track_smoothing import FixedLag
-from coaster_localization.track_states import Epoch
+from coaster_localization.track_states import Epoch, TrackState
 from track_localization.estimation import line_state
 from track_localization.estimation.imu import ImuSample
 from track_localization.track.design_ride import DesignRide
@@ -175,16 +175,15 @@ class LiveTrackFilter:
             self._epoch_rates.append((epoch.time_s, rates.get(epoch.time_s, NO_RATE)))
         self._rated = len(self._epochs)
         self._newest_s = states[-1].time_s
-        return [
-            self._estimate(s.time_s, s.x, s.P, rates.get(s.time_s, NO_RATE), s.lost) for s in states
-        ]
+        return [self._estimate(s, rates.get(s.time_s, NO_RATE)) for s in states]
 
     def smoothed(self) -> list[TrackEstimate]:
         """Return the smoothed estimates that became due, each with the stamp of its epoch."""
         out = []
         for epoch in self._epochs:
             for time_s, x, P in self._lag.push(epoch):
-                out.append(self._estimate(time_s, x, P, self._epoch_rate(time_s)))
+                state = TrackState(time_s, x, P, widened=self.filter.widened)
+                out.append(self._estimate(state, self._epoch_rate(time_s)))
         self._epochs.clear()
         self._rated = 0
         if out:
@@ -205,11 +204,12 @@ class LiveTrackFilter:
                 return rate
         return NO_RATE
 
-    def _estimate(
-        self, time_s: float, x: Array, P: Array, rate: Array, lost: float = 0.0
-    ) -> TrackEstimate:
+    def _estimate(self, state: TrackState, rate: Array) -> TrackEstimate:
         """Return the estimate of a state whose sensor turned at ``rate`` (3,) [rad/s]."""
+        x = state.x
         scale, bias = line_state.X_GYRO_SCALE, line_state.X_GYRO_BIAS
         turning = (1.0 - x[scale : scale + 3]) * rate - x[bias : bias + 3]
         body = x[line_state.X_MOUNT : line_state.X_MOUNT + 9].reshape(3, 3) @ turning
-        return TrackEstimate(time_s, x, P, self.line, body, self.config.line_sigma_m, lost)
+        line_sigma = self.config.line_sigma_m * math.sqrt(state.widened)
+        P = state.P * state.widened
+        return TrackEstimate(state.time_s, x, P, self.line, body, line_sigma, state.lost)

@@ -59,12 +59,14 @@ class FilteredRide:
         times = np.array([state.time_s for state in self.states])
         x = np.array([state.x for state in self.states])
         P = np.array([state.P[0:2, 0:2] for state in self.states])
-        return to_trajectory(times, x, P, self.line, self.config.line_sigma_m)
+        return self._out(times, x, P, np.array([state.widened for state in self.states]))
 
     def smoothed(self) -> Trajectory:
         """Return what the whole ride tells of every sample."""
         x, P = smooth_epochs(self.epochs)
-        return self._between(np.array([e.time_s for e in self.epochs]), x, P[:, 0:2, 0:2])
+        widened = np.full(len(self.settled), self.settled[-1].widened)
+        times = np.array([e.time_s for e in self.epochs])
+        return self._between(times, x, P[:, 0:2, 0:2], widened)
 
     def lagged(self) -> Trajectory:
         """Return what was known of every sample ``lag_s`` later."""
@@ -74,7 +76,8 @@ class FilteredRide:
         out += lag.flush()
         times = np.array([time_s for time_s, _, _ in out])
         x = np.array([x for _, x, _ in out])
-        known = self._between(times, x, np.array([P[0:2, 0:2] for _, _, P in out]))
+        widened = np.array([state.widened for state in self.settled])
+        known = self._between(times, x, np.array([P[0:2, 0:2] for _, _, P in out]), widened)
         live = self.live()
         unknown = np.zeros(len(live), dtype=bool)
         for origin, until_s in self.doubts:
@@ -82,7 +85,12 @@ class FilteredRide:
             unknown |= (live.time_s >= origin.time_s) & (live.time_s < latest)
         return _either(live, known, unknown)
 
-    def _between(self, times: Array, x: Array, P: Array) -> Trajectory:
+    def _out(self, time_s: Array, x: Array, P: Array, widened: Array) -> Trajectory:
+        """Return states (N, 30) as a trajectory, variances widened by a factor (N,)."""
+        sigma = self.config.line_sigma_m * np.sqrt(widened)
+        return to_trajectory(time_s, x, P * widened[:, None, None], self.line, sigma)
+
+    def _between(self, times: Array, x: Array, P: Array, widened: Array) -> Trajectory:
         """Give every sample its place between the epochs: the filter's own, corrected."""
         t = np.array([state.time_s for state in self.settled])
         states = np.array([state.x for state in self.settled])
@@ -103,7 +111,7 @@ class FilteredRide:
         turn = x[:, 2:11].reshape(-1, 3, 3) @ np.swapaxes(after, 1, 2)
         states[:, 2:11] = (turn[k] @ C).reshape(-1, 9)
         states[:, 11:] = x[nearest, 11:]
-        return to_trajectory(t, states, P[nearest], self.line, self.config.line_sigma_m)
+        return self._out(t, states, P[nearest], widened)
 
 
 def filter_ride(

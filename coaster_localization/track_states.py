@@ -40,12 +40,14 @@ class TrackState(NamedTuple):
         x: (30,) nominal state, see ``line_state``.
         P: (18, 18) of the latest epoch.
         lost: probability that the vehicle is somewhere else altogether.
+        widened: factor for ``P`` and the line's variance, of a line more crooked than expected.
     """
 
     time_s: float
     x: Array
     P: Array
     lost: float = 0.0
+    widened: float = 1.0
 
 
 class Origin(NamedTuple):

@@ -79,7 +79,7 @@ def match_attitude(
 
     ``settings`` (4,): correlation length of the line's errors [m], soft gate, sigma_s above which
     the line is linearised statistically [m], most that it looks ahead [m]. ``nis`` (3,) takes the
-    normalised squared innovation of each axis.
+    squared innovation of each axis over its variance, errors that last not counted again.
     """
     s = x[0]
     i, _ = row_of(rows, step, closed, s)
@@ -117,8 +117,8 @@ def match_attitude(
         noise[j] = variance + lasts * spread[j]
         own = np.dot(H[j], times(P, H[j])) + noise[j]
         ratio = r[j] * r[j] / own
-        nis[j] = ratio
         spot = own - noise[j] + spread[j] + rows[i, SIGMA] ** 2
+        nis[j] = r[j] * r[j] / spot
         likelihood -= 0.5 * (min(r[j] * r[j] / spot, 40.0) + np.log(spot))
         if ratio > settings[1]:
             noise[j] += own * (ratio / settings[1] - 1.0)
