@@ -21,7 +21,9 @@ class MatcherConfig:
     ``PAPER_MATCHER`` holds what differs in the paper's own form.
     """
 
-    method: str = setting('dtw_penalised', '', 'matching algorithm', choices=MATCHERS)
+    method: str = setting(
+        'dtw_penalised', '', 'matching algorithm; live, dtw_penalised alone', choices=MATCHERS
+    )
     channel: str = setting('multi', '', 'what is compared', choices=CHANNELS)
     rate_hz: float = setting(50.0, 'Hz', 'rate both series are resampled to', 5.0, 200.0)
     rest_s: float = setting(2.0, 's', 'standstill kept at both ends of the ride', 0.0, 60.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from coaster_localization.config import PAPER_MATCHER, CoasterConfig
 from coaster_localization.matching import Match, match_ride
 from coaster_localization.observation import MatchObservation, observation_covariance
-from coaster_localization.online import OnlineMatcher
+from coaster_localization.online import LIVE_MATCHER, ONLY_LIVE, OnlineMatcher
 from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.smoothing import estimates_to_trajectory, run_filter, smooth
 from coaster_localization.track_map import line_map
@@ -169,14 +169,14 @@ class _Runner:
         """The matching method that the configuration feeds to the filter."""
         wanted = (self.config.matcher.method, self.config.matcher.channel)
         names = [n for n, pair in MATCHING.items() if pair == wanted and n != PAPER_FRONT_END]
-        return names[0] if names else 'dtw_penalised'
+        return names[0] if names else '_'.join(wanted)
 
     def match(self, name: str) -> tuple[Match, float]:
         """Return a match and the seconds it took (once)."""
         if name not in self._matches:
-            method, channel = MATCHING[name]
-            begin = time.perf_counter()
             config = self.config.matcher
+            method, channel = MATCHING.get(name, (config.method, config.channel))
+            begin = time.perf_counter()
             if name == PAPER_FRONT_END:
                 config = override(config, PAPER_MATCHER)
             match = match_ride(self.imu, self.design, method, channel, config)
@@ -237,7 +237,9 @@ class _Runner:
         trajectory = estimates_to_trajectory(estimates, self.line)
         runtime = {'matching and filter': time.perf_counter() - begin}
         rejected = filter_.rejected | {'matcher': dict(matcher.rejected)}
-        return MethodResult('eskf_live', trajectory, None, None, rejected, runtime)
+        method = self.config.matcher.method
+        notes = () if method == LIVE_MATCHER else (f'matcher.method {method}: {ONLY_LIVE}',)
+        return MethodResult('eskf_live', trajectory, None, None, rejected, runtime, notes)
 
     def _run_default(self, fed_by: str) -> tuple[CoasterEskf, Trajectory, float]:
         if fed_by not in self._filtered:

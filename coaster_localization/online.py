@@ -24,6 +24,11 @@ from track_localization.track.design_ride import DesignRide
 Array = NDArray[np.float64]
 
 WAITING, RIDING = 'waiting', 'riding'
+LIVE_MATCHER = 'dtw_penalised'
+ONLY_LIVE = (
+    f'live matching is an open-end alignment, the live form of {LIVE_MATCHER}; the others are for '
+    'whole recordings'
+)
 CROSS_SIGMA_M = 0.05
 LARGEST_VALUE = 1e4
 """No force [m/s^2] or rate [rad/s] that a sensor means is larger."""

@@ -2,7 +2,8 @@
 srdtw_matcher: IMU in, places on the design line out (paper 1, section 1, online).
 
 Subscribes to imu/data_raw; publishes srdtw/pose, stamped with the measured sample that was
-matched, so it arrives late. ~/reset forgets the ride.
+matched, so it arrives late. ~/reset forgets the ride. Segments need a whole ride: live the match
+is an open-end alignment (matcher.method dtw_penalised), the paper's SRDTW is for recordings.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from std_srvs.srv import Trigger
 from coaster_localization.inputs import mount_matrix, warm_up_samples
 from coaster_localization.nodes import inputs
 from coaster_localization.observation import MatchObservation
-from coaster_localization.online import OnlineMatcher
+from coaster_localization.online import LIVE_MATCHER, ONLY_LIVE, OnlineMatcher
+from track_localization.errors import DataError
 from track_localization.ros import convert
 from track_localization.ros.diagnostics import Diagnostics, StreamHealth
 from track_localization.ros.fast import advertise, subscribe
@@ -46,6 +48,8 @@ class SrdtwMatcherNode(Node):
         """
         super().__init__('srdtw_matcher', **inputs.NODE_OPTIONS, **options)
         config = inputs.declare(self, PARAMETERS)
+        if config.matcher.method != LIVE_MATCHER:
+            raise DataError(f'parameter matcher.method: {config.matcher.method}: {ONLY_LIVE}')
         self._R_bm = mount_matrix(config.mount_rpy_deg)
         self._frame_imu = config.frame_imu
         self.matcher = make_matcher(inputs.design_ride(config), config.matcher)

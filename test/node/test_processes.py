@@ -156,6 +156,7 @@ def test_a_whole_chain_of_processes(ros, start, bag, circle_file):
         ('coaster_track_filter', 'design_ride:=/none.csv', 'parameter design_ride: /none.csv'),
         ('coaster_track_filter', 'track_filter.lag_s:=99', 'lag_s: 99.0 s is above'),
         ('srdtw_matcher', 'matcher.method:=guess', "parameter matcher.method: 'guess' is not one"),
+        ('srdtw_matcher', 'matcher.method:=srdtw', 'method: srdtw: live matching is an open-end'),
         ('maglev_federated_pf', 'balises:=/none.csv', 'parameter balises: /none.csv'),
         ('maglev_federated_pf', 'particles:=many', "parameter particles: 'many' cannot stand for"),
         (

@@ -63,3 +63,17 @@ def test_the_filter_fed_by_srdtw_says_so_and_gives_its_own_answer():
     assert (usual.fed_by, segments.fed_by) == ('dtw_penalised', 'srdtw_multi')
     apart = np.linalg.norm(usual.trajectory.position - segments.trajectory.position, axis=1)
     assert 0.0 < apart.max() < 10.0
+
+
+def test_the_filter_is_fed_by_any_algorithm_that_the_configuration_names():
+    """And live matching, which has one of its own, says so."""
+    ride = simulate_coaster('looping', scenario('nominal'), 1)
+    settings = {'matcher.method': 'dtw_derivative', 'matcher.channel': 'z'}
+    config = override(CoasterConfig(), settings)
+    derivative, live = run_methods(ride.imu, ride.design, config, ['eskf', 'eskf_live'])
+    (usual,) = run_methods(ride.imu, ride.design, CoasterConfig(), ['eskf'])
+    assert derivative.fed_by == 'dtw_derivative_z'
+    apart = np.linalg.norm(usual.trajectory.position - derivative.trajectory.position, axis=1)
+    assert apart.max() > 0.1
+    assert 'dtw_derivative: live matching is an open-end' in live.notes[0]
+    assert usual.notes == ()
