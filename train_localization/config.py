@@ -91,7 +91,6 @@ class MapConfig:
 
     offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the whole map', 0.0, 100.0)
     trusted_sigma_m: float = setting(0.4, 'm', 'of it, while fixes do not speak against', 0.01, 10)
-    trusted_after_s: float = setting(60.0, 's', 'of fixes until that is asked, at most', 0.0, 1e6)
     local_sigma_m: float = setting(0.3, 'm', 'of its wander, across', 0.01, 100.0)
     height_sigma_m: float = setting(0.2, 'm', 'of its wander, upward', 0.01, 100.0)
     wander_m: float = setting(300.0, 'm', 'length over which it wanders', 0.0, 1e5)

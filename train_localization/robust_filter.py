@@ -180,12 +180,11 @@ class RobustFilter:
         return self._line(state, speed) if self._track is not None else state
 
     def _line(self, state: Fused, speed: float) -> Fused:
-        """Use the surveyed line; trust it after a while, or when fixes have gone."""
+        """Use the surveyed line, and trust it when fixes have gone."""
         line, now = self._config.map, state.time_s
         nav, aux, P = state.nav, state.aux, state.P
         trusted = state.trusted
-        lost = now - state.fixed_s > LOST_AFTER_S
-        if not trusted and (lost or now - state.began_s > line.trusted_after_s):
+        if not trusted and now - state.fixed_s > LOST_AFTER_S:
             map_kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
             trusted = True
         if now - state.mapped_s < 1.0 / line.rate_hz - 1e-6:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from track_localization.cli.train.reproduce_runs import measurements
-from track_localization.settings import override
 from track_localization.sim.train import scenario, simulate_train
 from track_localization.track.centreline import Centreline
 from train_localization.config import TrainConfig
@@ -68,23 +67,6 @@ def test_chainage_comes_with_a_track(run, found, heard, start):
     assert np.median(np.abs(near.chainage - true)) < 2.0
     (without,) = run_methods(heard[:3000], TrainConfig(), None, run.datum, [ROBUST], start=start)
     assert without.trajectory.chainage is None
-
-
-def test_a_map_is_trusted_once_fixes_have_not_spoken_against_it(run, heard, start):
-    """Before the outage it tells more of the place across the line than 2 m of offset would let."""
-    sigma = {}
-    for after_s in (60.0, 1e6):
-        config = override(TrainConfig(), {'map.trusted_after_s': after_s})
-        track = Centreline.from_track(run.track)
-        (result,) = run_methods(heard, config, track, run.datum, [MAP], None, start)
-        t = result.trajectory
-        k = np.searchsorted(t.time_s, run.time_s[0] + np.array([50.0, 70.0]))
-        left = np.cross([0.0, 0.0, 1.0], t.velocity[k])
-        left /= np.linalg.norm(left, axis=1)[:, None]
-        sigma[after_s] = np.sqrt(np.einsum('ki,kij,kj->k', left, t.covariance[k], left))
-    assert sigma[60.0][0] == sigma[1e6][0]
-    # 0.4 m of offset and some wander, instead of what 70 s of fixes have.
-    assert sigma[60.0][1] < 0.45 < sigma[1e6][1]
 
 
 def test_modes_change_with_the_satellites(run, found):
