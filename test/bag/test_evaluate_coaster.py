@@ -213,3 +213,13 @@ def test_locate_answers_what_it_can(ride, tmp_path, capsys):
         position = np.array([float(row[c]) for c in ('x_m', 'y_m', 'z_m')])
         assert np.linalg.norm(position - markers.position[k]) < 3.0
         assert 0.0 < float(row['chainage_95_m']) < 10.0
+
+
+def test_places_that_cannot_be_written_are_told_before_the_work(ride, tmp_path, capsys):
+    events = tmp_path / 'events.csv'
+    events.write_text('time_s,name\n5.0,bang\n')
+    out = str(events / 'places.csv')
+    assert locate([str(ride / 'bag'), '--events', str(events), '--output', out]) == 1
+    said = capsys.readouterr().err
+    assert f'error: --output {out}: cannot be made' in said
+    assert 'locating' not in said

@@ -22,13 +22,23 @@ def beside(bag: Path, name: str) -> Path | None:
     return None
 
 
-def make_folder(folder: Path) -> Path:
-    """Make the output folder; raise DataError where it cannot be made."""
+def make_folder(folder: Path, option: str = '--output') -> Path:
+    """Make the folder that ``option`` names; raise DataError where it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(f'--output {folder}: cannot be made ({error.strerror})') from None
+        raise DataError(f'{option} {folder}: cannot be made ({error.strerror})') from None
     return folder
+
+
+def make_file(path: Path) -> Path:
+    """Make the file of ``--output`` where it is not; raise DataError if it cannot be written."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open('a', encoding='utf-8').close()
+    except OSError as error:
+        raise DataError(f'--output {path}: cannot be made ({error.strerror})') from None
+    return path
 
 
 def write_metrics(folder: Path, content: Mapping[str, Any]) -> None:

@@ -14,6 +14,7 @@ from coaster_localization.methods import METHODS, MethodResult, run_methods
 from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.coaster.evaluate_notes import clock_offset, mount_note
 from track_localization.cli.common import guarded, say
+from track_localization.cli.files import make_file
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.evaluation.clock import TWO_SIDED_95, ClockOffset, fit_clock_offset
@@ -99,6 +100,8 @@ def run(args: argparse.Namespace) -> None:
     inputs = coaster_inputs.read_inputs(args)
     for finding in inputs.recording.findings:
         say(str(finding))
+    if args.output is not None:
+        make_file(args.output)
     say(f'locating {len(events)} events by {args.method}')
     results = run_methods(
         inputs.recording.imu,

@@ -15,6 +15,7 @@ from track_localization.cli.arguments import (
     simulation,
 )
 from track_localization.cli.common import guarded, plain, say
+from track_localization.cli.files import make_folder
 from track_localization.errors import DataError
 from track_localization.io.bags import BagWriter
 from track_localization.io.tables import write_markers
@@ -106,7 +107,7 @@ def load_model(track: str | None, plan: Path | None, scenario_name: str) -> Coas
 
 def write(ride: SimulatedRide, folder: Path, info: dict[str, object]) -> None:
     """Write the bag and the files beside it."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     say(f'writing {len(ride.imu)} samples, {ride.imu.time_s[-1] - ride.imu.time_s[0]:.0f} s')
     with BagWriter(folder / 'bag', overwrite=True) as bag:
         bag.write_imu('imu/data_raw', ride.imu)
@@ -121,6 +122,7 @@ def write(ride: SimulatedRide, folder: Path, info: dict[str, object]) -> None:
 
 def ship(folder: Path) -> None:
     """Write NAME.csv and NAME.yaml of every built-in track."""
+    make_folder(folder, '--ship')
     for name in TRACKS:
         track = built_in(name)
         write_track(folder / f'{name}.csv', track.file)

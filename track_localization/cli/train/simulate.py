@@ -16,7 +16,7 @@ from track_localization.cli.arguments import (
     simulation,
 )
 from track_localization.cli.common import guarded, plain, say
-from track_localization.errors import DataError
+from track_localization.cli.files import make_folder
 from track_localization.geodesy import Datum
 from track_localization.io import codec
 from track_localization.io.bag_writer import BagWriter, Message
@@ -82,10 +82,7 @@ def run(args: argparse.Namespace, config: TrainSimConfig) -> None:
 
 def write(simulated: SimulatedRun, folder: Path, info: dict[str, object]) -> None:
     """Write the bag and the files beside it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f'--output {folder}: cannot be made ({error.strerror})') from None
+    make_folder(folder)
     count = len(simulated.imu) + len(simulated.gnss) + len(simulated.wheel)
     say(f'writing {count} measurements, {simulated.duration_s:.0f} s')
     write_bag(simulated, folder / 'bag')

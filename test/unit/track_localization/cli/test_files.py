@@ -5,7 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from track_localization.cli.files import beside, make_folder, write_metrics, write_trajectories
+from track_localization.cli.files import (
+    beside,
+    make_file,
+    make_folder,
+    write_metrics,
+    write_trajectories,
+)
 from track_localization.errors import DataError
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.io.tables import read_trajectory
@@ -32,6 +38,16 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / 'file').touch()
     with pytest.raises(DataError, match=r'--output .*file'):
         make_folder(tmp_path / 'file')
+
+
+def test_a_file_that_cannot_be_made_is_told(tmp_path):
+    made = make_file(tmp_path / 'a' / 'places.csv')
+    made.write_text('kept')
+    assert make_file(made).read_text() == 'kept'
+    with pytest.raises(DataError, match=r'--output .*a: cannot be made'):
+        make_file(tmp_path / 'a')
+    with pytest.raises(DataError, match=r'--output .*x: cannot be made'):
+        make_file(made / 'x')
 
 
 def test_metrics_are_json_that_any_reader_takes(tmp_path):

@@ -124,3 +124,12 @@ def test_unusable_data_exits_with_1(args, reason, tmp_path, monkeypatch, capsys)
     (tmp_path / 'ride.yaml').write_text('zones: [{kind: trim, end_m: 5}]')
     assert main(['coaster', *args, '--output', 'out']) == 1
     assert reason in capsys.readouterr().err
+
+
+def test_output_that_cannot_be_made(tmp_path, capsys):
+    (tmp_path / 'file').touch()
+    out = str(tmp_path / 'file' / 'run')
+    assert main(['coaster', '--track', 'mine', *SHORT, '--output', out]) == 1
+    assert f'error: --output {out}: cannot be made' in capsys.readouterr().err
+    assert main(['coaster', '--ship', out]) == 1
+    assert f'error: --ship {out}: cannot be made' in capsys.readouterr().err
