@@ -59,8 +59,9 @@ def test_an_android_export_goes_out_as_it_was_measured(ros, tmp_path, motion):
 
 def test_an_export_in_g_is_converted(ros, tmp_path, motion):
     export = write_export(tmp_path / 'ride', (motion[0] / 9.80665, motion[1]))
-    _, received = replay(ros, export)
+    node, received = replay(ros, export)
     assert np.mean([m.linear_acceleration.z for m in received]) == pytest.approx(9.81, abs=0.01)
+    assert any('in g' in finding.what for finding in node.findings)
 
 
 def test_an_export_without_gyro_says_so_in_words_and_in_every_message(ros, tmp_path, motion):

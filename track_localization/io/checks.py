@@ -110,16 +110,21 @@ def to_si(imu: ImuSeries, units: str = 'auto') -> tuple[ImuSeries, list[Finding]
     """
     if units != 'auto' and units not in UNITS:
         raise DataError(f'units: {units!r} is not one of auto, {", ".join(UNITS)}')
-    remedy = 'Converted as asked'
-    if units == 'auto':
+    asked = units != 'auto'
+    if not asked:
         units = 'g' if _in_g(imu) else 'si'
-        remedy = 'Converted to m/s^2; set units to si if that is wrong'
     force, rate = UNITS[units]
     if units == 'si':
         return imu, []
-    what = 'specific force is in g' if units == 'g' else f'units are {units}'
     converted = ImuSeries(imu.time_s, imu.specific_force * force, imu.angular_rate * rate)
-    return converted, [Finding('info', what, remedy)]
+    return converted, [conversion(units, asked)]
+
+
+def conversion(units: str, asked: bool) -> Finding:
+    """Return the finding that a recording was converted from ``units``."""
+    what = 'specific force is in g' if units == 'g' else f'units are {units}'
+    remedy = 'Converted to m/s^2; set units to si if that is wrong'
+    return Finding('info', what, 'Converted as asked' if asked else remedy)
 
 
 def _in_g(imu: ImuSeries) -> bool:

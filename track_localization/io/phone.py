@@ -27,7 +27,9 @@ from track_localization.io.tables import parse_table
 Array = NDArray[np.float64]
 
 PLATFORMS = ('auto', 'ios', 'android')
-UNITS = ('auto', 'si', 'g')
+SCALES = {'si': 1.0, 'g': GRAVITY}
+"""Factors to m/s^2 by the name of the units."""
+UNITS = ('auto', *SCALES)
 TOTAL, LINEAR, GRAVITY_FILE = 'totalacceleration', 'accelerometer', 'gravity'
 RAW_FORCE, RATE, RAW_RATE = 'accelerometeruncalibrated', 'gyroscope', 'gyroscopeuncalibrated'
 METADATA = 'metadata'
@@ -53,9 +55,9 @@ def is_phone_export(path: str | Path) -> bool:
 
 def read_phone(
     path: str | Path, platform: str = 'auto', units: str = 'auto'
-) -> tuple[ImuSeries, dict[str, int]]:
+) -> tuple[ImuSeries, dict[str, int], str]:
     """
-    Return an export's specific force and angular rate in the phone's axes, and rejected counts.
+    Return an export's specific force and angular rate in the phone's axes, rejected counts, units.
 
     Android: ``TotalAcceleration.csv``; iOS: -(``Accelerometer`` + ``Gravity``). Where these are
     missing ``AccelerometerUncalibrated`` stands in, and ``GyroscopeUncalibrated`` for the gyro.
@@ -71,7 +73,8 @@ def read_phone(
 
     Returns:
         The cleaned series and counts by reason: those of ``clean`` for the accelerometer,
-        ``gyro_missing`` for samples without gyro around them, ``gravity_missing`` likewise.
+        ``gyro_missing`` for samples without gyro around them, ``gravity_missing`` likewise; and
+        the units that the accelerations were in, ``si`` or ``g``. The series is in SI units.
 
     Raises:
         DataError: no export, unreadable files, or a convention that cannot be told; it names the
@@ -88,7 +91,7 @@ def read_phone(
         )
     counts: Counter[str] = Counter()
     sign = _sign(path, files, platform)
-    time_s, force = _force(path, files, sign, units, counts)
+    time_s, force, units = _force(path, files, sign, units, counts)
     rate = np.full_like(force, np.nan)
     name = RATE if RATE in files else RAW_RATE
     if name in files:
@@ -103,43 +106,46 @@ def read_phone(
     counts.update(dropped)
     if not len(series):
         raise DataError(f'{path}: no usable sample ({dict(counts)})')
-    return series, {k: n for k, n in counts.items() if n}
+    return series, {k: n for k, n in counts.items() if n}, units
 
 
 def _force(
     path: Path, files: dict[str, bytes], sign: float, units: str, counts: Counter[str]
-) -> tuple[Array, Array]:
-    """Return stamps (N,) and specific force (N, 3) [m/s^2] from the best files there are."""
+) -> tuple[Array, Array, str]:
+    """Return stamps (N,), specific force (N, 3) [m/s^2] of the best files, and their units."""
     pair = LINEAR in files and GRAVITY_FILE in files
     if TOTAL in files and not (sign < 0.0 and pair):
         total = _sensor(path, files, TOTAL, counts)
-        return total.time_s, sign * total.values * _scale(path, units, total.values)
+        units = _units(path, units, total.values)
+        return total.time_s, sign * total.values * SCALES[units], units
     if pair:
         linear = _sensor(path, files, LINEAR, counts)
         gravity = _sensor(path, files, GRAVITY_FILE, Counter())
-        scale = _scale(path, units, gravity.values)
+        units = _units(path, units, gravity.values)
         at = _resample(gravity, linear.time_s)
         covered = np.isfinite(at).all(axis=1)
         counts['gravity_missing'] += int((~covered).sum())
-        return linear.time_s[covered], sign * (linear.values + at)[covered] * scale
+        force = sign * (linear.values + at)[covered] * SCALES[units]
+        return linear.time_s[covered], force, units
     if RAW_FORCE in files:
         raw = _sensor(path, files, RAW_FORCE, counts)
-        return raw.time_s, sign * raw.values * _scale(path, units, raw.values)
+        units = _units(path, units, raw.values)
+        return raw.time_s, sign * raw.values * SCALES[units], units
     raise DataError(
         f'{path}: Accelerometer.csv is without gravity and Gravity.csv is missing; record Gravity '
         'too (on Android: TotalAcceleration)'
     )
 
 
-def _scale(path: Path, units: str, values: Array) -> float:
-    """Return the factor to m/s^2; gravity's length tells g from m/s^2."""
+def _units(path: Path, units: str, values: Array) -> str:
+    """Return the name of the units; gravity's length tells g from m/s^2."""
     if units != 'auto':
-        return GRAVITY if units == 'g' else 1.0
+        return units
     length = float(np.median(np.linalg.norm(values, axis=1)))
     if 0.5 < length < 2.0:
-        return GRAVITY
+        return 'g'
     if 5.0 < length < 20.0:
-        return 1.0
+        return 'si'
     raise DataError(
         f'{path}: accelerations of {length:.3g} are neither g nor m/s^2; set units to si or g'
     )

@@ -10,7 +10,7 @@ from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
 from track_localization.estimation.trajectory import Trajectory
 from track_localization.io import bags, phone
-from track_localization.io.checks import Finding, inspect_imu, to_si
+from track_localization.io.checks import Finding, conversion, inspect_imu, to_si
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +55,7 @@ def read_recording(
     """
     path = Path(path)
     truth = None
+    notes: list[Finding] = []
     kind: Literal['bag', 'phone'] = 'bag'
     if path.exists() and not bags.is_bag(path):
         if not phone.is_phone_export(path):
@@ -64,10 +65,12 @@ def read_recording(
             )
         kind = 'phone'
         force_units = {'g_deg': 'g', 'deg': 'auto'}.get(units, units)
-        imu, rejected = phone.read_phone(path, platform, force_units)
+        imu, rejected, found = phone.read_phone(path, platform, force_units)
+        if found != 'si':
+            notes.append(conversion(found, asked=force_units != 'auto'))
         units = 'deg' if units in ('deg', 'g_deg') else 'si'
     else:
         imu, rejected = bags.read_imu(path, topic)
         truth = bags.read_odometry(path, truth_topic)
-    imu, notes = to_si(imu, units)
-    return Recording(imu, inspect_imu(imu, rejected) + notes, rejected, kind, truth)
+    imu, more = to_si(imu, units)
+    return Recording(imu, inspect_imu(imu, rejected) + notes + more, rejected, kind, truth)

@@ -68,7 +68,7 @@ def conventions():
 
 @pytest.mark.parametrize(('platform', 'standardise', 'sensors'), list(conventions()))
 def test_every_convention_gives_the_same_specific_force(tmp_path, platform, standardise, sensors):
-    series, rejected = read_phone(export(tmp_path / 'e', platform, standardise, **sensors))
+    series, rejected, _ = read_phone(export(tmp_path / 'e', platform, standardise, **sensors))
     assert rejected == {}
     np.testing.assert_allclose(series.specific_force, FORCE, atol=1e-9)
     np.testing.assert_allclose(series.angular_rate, TURN, atol=1e-12)
@@ -79,7 +79,7 @@ def test_the_platform_parameter_settles_what_metadata_does_not(tmp_path):
     folder = export(tmp_path / 'e', Accelerometer=(TIME, -LINEAR), Gravity=(TIME, -UP))
     with pytest.raises(DataError, match='set platform to ios or android'):
         read_phone(folder)
-    series, _ = read_phone(folder, platform='ios')
+    series, *_ = read_phone(folder, platform='ios')
     np.testing.assert_allclose(series.specific_force, FORCE, atol=1e-9)
     assert not series.has_gyro
     (folder / 'Metadata.csv').write_text(METADATA.format('harmony', 'false'))
@@ -90,7 +90,7 @@ def test_the_platform_parameter_settles_what_metadata_does_not(tmp_path):
 
 
 def test_total_acceleration_without_metadata_is_android(tmp_path):
-    series, _ = read_phone(export(tmp_path / 'e', TotalAcceleration=(TIME, FORCE)))
+    series, *_ = read_phone(export(tmp_path / 'e', TotalAcceleration=(TIME, FORCE)))
     np.testing.assert_allclose(series.specific_force, FORCE, atol=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_the_units_parameter_settles_odd_lengths(tmp_path):
     folder = export(tmp_path / 'e', TotalAcceleration=(TIME, FORCE * 0.3))
     with pytest.raises(DataError, match='set units to si or g'):
         read_phone(folder)
-    series, _ = read_phone(folder, units='si')
+    series, *_ = read_phone(folder, units='si')
     np.testing.assert_allclose(series.specific_force, FORCE * 0.3, atol=1e-9)
 
 
@@ -112,7 +112,7 @@ def test_zip(tmp_path, inside):
         for file in folder.iterdir():
             archive.write(file, inside + file.name)
         archive.writestr('__MACOSX/._TotalAcceleration.csv', b'\x00\x05')
-    series, _ = read_phone(path)
+    series, *_ = read_phone(path)
     np.testing.assert_allclose(series.specific_force, FORCE, atol=1e-9)
     assert is_phone_export(path)
     with zipfile.ZipFile(path, 'a') as archive:
@@ -129,7 +129,7 @@ def test_gyro_on_other_stamps_keeps_the_angle(tmp_path, gyro_hz):
     folder = export(
         tmp_path / 'e', 'android', TotalAcceleration=(TIME, FORCE), Gyroscope=(gyro_time, rate)
     )
-    series, rejected = read_phone(folder)
+    series, rejected, _ = read_phone(folder)
     assert rejected == {}
     t = series.time_s - EPOCH / 1e9
     quarter = t <= 0.25  # half a period of the sine: the angle is 1 / (2 pi)
@@ -144,7 +144,7 @@ def test_a_fast_gyro_is_averaged_not_aliased(tmp_path):
     folder = export(
         tmp_path / 'e', 'android', TotalAcceleration=(TIME, FORCE), Gyroscope=(gyro_time, rate)
     )
-    series, _ = read_phone(folder)
+    series, *_ = read_phone(folder)
     np.testing.assert_allclose(series.angular_rate, 0.3, atol=0.02)
 
 
@@ -156,7 +156,7 @@ def test_nothing_is_extrapolated_or_drawn_across_holes(tmp_path):
         TotalAcceleration=(TIME, FORCE),
         Gyroscope=(TIME[inside], TURN[inside]),
     )
-    series, rejected = read_phone(folder)
+    series, rejected, _ = read_phone(folder)
     np.testing.assert_allclose(series.time_s - EPOCH / 1e9, TIME[inside], atol=1e-6)
     assert rejected == {'gyro_missing': 300 - inside.sum()}
 
@@ -168,11 +168,11 @@ def test_bad_rows_are_counted_and_column_order_does_not_matter(tmp_path):
     lines[10] = lines[10].rsplit(',', 3)[0] + ',,0.0,0.0'
     lines[20] = lines[19]
     file.write_text('\n'.join(lines))
-    series, rejected = read_phone(folder)
+    series, rejected, _ = read_phone(folder)
     assert rejected == {'not_finite': 1, 'repeated_time': 1}
     assert len(series) == 298
     file.write_text('x,y,z,time\n' + ''.join(f'1,2,9.5,{EPOCH + k * 10**7}\n' for k in range(5)))
-    series, _ = read_phone(folder)
+    series, *_ = read_phone(folder)
     np.testing.assert_array_equal(series.specific_force[0], [1.0, 2.0, 9.5])
 
 

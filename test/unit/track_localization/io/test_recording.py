@@ -18,6 +18,20 @@ def still(scale=1.0):
     return ImuSeries(np.arange(N) / 100.0, scale * (noise[0] + [0, 0, G]), noise[1])
 
 
+def exported(folder, imu):
+    folder.mkdir()
+    for name, values in (
+        ('TotalAcceleration', imu.specific_force),
+        ('Gyroscope', imu.angular_rate),
+    ):
+        rows = [
+            f'{round(t * 1e9)},{t},{z},{y},{x}\n'
+            for t, (x, y, z) in zip(imu.time_s, values, strict=True)
+        ]
+        (folder / f'{name}.csv').write_text('time,seconds_elapsed,z,y,x\n' + ''.join(rows))
+    return folder
+
+
 def test_a_bag_with_truth_and_a_phone_without(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         writer.write_imu('imu/data_raw', still())
@@ -26,18 +40,12 @@ def test_a_bag_with_truth_and_a_phone_without(tmp_path):
     assert (found.kind, len(found.imu), len(found.truth)) == ('bag', N, 5)
     assert found.findings == []
     assert found.rejected == {}
-    phone = tmp_path / 'phone'
-    phone.mkdir()
     imu = still()
-    rows = [
-        f'{round(t * 1e9)},{t},{f[2]},{f[1]},{f[0]}\n'
-        for t, f in zip(imu.time_s, imu.specific_force, strict=True)
-    ]
-    (phone / 'TotalAcceleration.csv').write_text('time,seconds_elapsed,z,y,x\n' + ''.join(rows))
-    found = read_recording(phone)
+    found = read_recording(exported(tmp_path / 'phone', imu))
     assert (found.kind, found.truth) == ('phone', None)
     np.testing.assert_allclose(found.imu.specific_force, imu.specific_force)
-    assert [finding.what for finding in found.findings] == ['no gyroscope']
+    np.testing.assert_allclose(found.imu.angular_rate, imu.angular_rate)
+    assert found.findings == []
 
 
 def test_a_bag_in_g_is_converted_with_a_note(tmp_path):
@@ -47,6 +55,18 @@ def test_a_bag_in_g_is_converted_with_a_note(tmp_path):
     np.testing.assert_allclose(found.imu.specific_force, still().specific_force)
     assert [finding.severity for finding in found.findings] == ['info']
     assert 'error' in [f.severity for f in read_recording(tmp_path / 'bag', units='si').findings]
+
+
+@pytest.mark.parametrize('units', ['auto', 'g'])
+def test_a_phone_in_g_is_told_as_a_bag_is(tmp_path, units):
+    with BagWriter(tmp_path / 'bag') as writer:
+        writer.write_imu('imu/data_raw', still(1.0 / G))
+    phone = exported(tmp_path / 'phone', still(1.0 / G))
+    bag, found = (read_recording(p, units=units) for p in (tmp_path / 'bag', phone))
+    np.testing.assert_allclose(found.imu.specific_force, still().specific_force)
+    assert found.findings == bag.findings
+    (finding,) = found.findings
+    assert (finding.severity, finding.what) == ('info', 'specific force is in g')
 
 
 def test_neither_of_the_two(tmp_path):
