@@ -20,6 +20,11 @@ COLUMNS = (
 )
 """Columns of ``design_ride.csv``, in the order they are written."""
 
+STANDING_MPS = 0.05
+"""A design that is no faster stands."""
+IN_G = (0.5, 2.0)
+"""Specific force so long, at rest or at the median, is in g."""
+
 
 @dataclasses.dataclass(frozen=True)
 class DesignRide:
@@ -111,8 +116,8 @@ def read_design_ride(path: str | Path) -> DesignRide:
     """
     Read ``design_ride.csv``; columns may stand in any order.
 
-    Raise DataError when the file, a column or a value is missing, time does not increase or a
-    quaternion is not unit.
+    Raise DataError when the file, a column or a value is missing, time does not increase, forces
+    are in g or a quaternion is not unit.
     """
     path = Path(path)
     try:
@@ -162,6 +167,7 @@ def _checked(path: Path, table: Array) -> DesignRide:
         raise DataError(
             f'{path}: row {bad[0] + 2}: qx,qy,qz,qw has length {norm[bad[0]]:.3f}, not 1'
         )
+    _check_force(path, table[:, 9:12], table[:, 12:15])
     return DesignRide(
         time_s=table[:, 0],
         chainage=table[:, 1],
@@ -171,3 +177,16 @@ def _checked(path: Path, table: Array) -> DesignRide:
         specific_force=table[:, 12:15],
         angular_rate=table[:, 15:18],
     )
+
+
+def _check_force(path: Path, velocity: Array, force: Array) -> None:
+    """Raise DataError for forces in g: 1 instead of 9.8 at rest, or all along without a rest."""
+    standing = np.linalg.norm(velocity, axis=1) <= STANDING_MPS
+    lengths = np.linalg.norm(force[standing] if standing.any() else force, axis=1)
+    usual = float(np.median(lengths))
+    if IN_G[0] < usual < IN_G[1]:
+        where = 'where the ride stands' if standing.any() else 'along the ride'
+        raise DataError(
+            f'{path}: columns fx_mps2, fy_mps2, fz_mps2 are in g: their vector is {usual:.2f} long '
+            f'{where}, not 9.8 m/s^2; multiply them by 9.80665'
+        )

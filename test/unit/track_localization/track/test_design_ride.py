@@ -1,5 +1,7 @@
 """Design ride files and resampling, on a ride whose motion is known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -118,3 +120,27 @@ def test_columns_may_stand_in_any_order(tmp_path):
     (tmp_path / 'turned.csv').write_text('\n'.join(turned))
     back = read_design_ride(tmp_path / 'turned.csv')
     np.testing.assert_allclose(back.velocity, ride().velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize(('rest_s', 'where'), [(0.0, 'along the ride'), (3.0, 'where the ride st')])
+def test_forces_in_g_are_told(tmp_path, rest_s, where):
+    """A ride at 4 g that stands first is 1 long at rest; one that never stands, all along."""
+    good = ride()
+    rest = good.time_s < rest_s
+    force = np.where(rest[:, None], [0.0, 0.0, 9.80665], good.specific_force)
+    force[~rest] *= 4.0 if rest_s else 1.0
+    velocity = np.where(rest[:, None], 0.0, good.velocity)
+    good = dataclasses.replace(good, specific_force=force, velocity=velocity)
+    write_design_ride(tmp_path / 'good.csv', good)
+    assert len(read_design_ride(tmp_path / 'good.csv')) == len(good)
+    bad = dataclasses.replace(good, specific_force=force / 9.80665)
+    write_design_ride(tmp_path / 'bad.csv', bad)
+    with pytest.raises(DataError, match=rf'bad.csv: .*fx_mps2, .* in g.*{where}.*multiply'):
+        read_design_ride(tmp_path / 'bad.csv')
+
+
+def test_a_ride_without_forces_is_read(tmp_path):
+    write_design_ride(
+        tmp_path / 'r.csv', dataclasses.replace(ride(), specific_force=np.zeros((len(ride()), 3)))
+    )
+    assert not read_design_ride(tmp_path / 'r.csv').specific_force.any()
