@@ -199,3 +199,11 @@ def test_help_lists_parameters_with_units(start, name):
     elif name == 'train_kf':
         wanted = 'alignment.rest_s = 2.0 [s]'
     assert wanted in out
+
+
+def test_help_that_is_not_read_to_its_end_is_no_failure(start):
+    """As ``coaster_eskf --help | head -2`` does."""
+    with start('coaster_eskf', plain=('--help',)) as process:
+        process.stdout.close()
+        assert process.wait(60.0) == 0
+        assert process.stderr.read() == ''

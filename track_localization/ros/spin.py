@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TextIO
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -47,13 +49,21 @@ def run_node(
         stream = sys.stdout if asked else sys.stderr
         if not asked:
             print(f'{own[0]!r} is not understood', file=stream)
-        print(usage(help_text or '', settings, only), file=stream)
+        _show(usage(help_text or '', settings, only), stream)
         return 0 if asked else 2
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
         return _wrong_usage(error)
     return _run(make_node, work or _spin, Path(args[0]).name if args else '')
+
+
+def _show(text: str, stream: TextIO) -> None:
+    """Print a text that a pager may not read to its end."""
+    try:
+        print(text, file=stream, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _wrong_usage(error: Exception) -> int:
