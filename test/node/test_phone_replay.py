@@ -95,3 +95,6 @@ def test_what_is_no_recording_is_refused(ros, tmp_path):
     (tmp_path / 'notes.txt').write_text('hello')
     with pytest.raises(DataError, match=r'parameter source: .*neither a ROS 2 bag'):
         ros.make(ImuPublisherNode, source=str(tmp_path))
+    for name in ('none', 'none.mcap'):
+        with pytest.raises(DataError, match=r'parameter source: .*no such.*Sensor Logger export'):
+            ros.make(ImuPublisherNode, source=str(tmp_path / name))

@@ -57,7 +57,12 @@ def read_recording(
     truth = None
     notes: list[Finding] = []
     kind: Literal['bag', 'phone'] = 'bag'
-    if path.exists() and not bags.is_bag(path):
+    if not path.exists():
+        raise DataError(
+            f'{path}: no such file or folder; give a bag folder, an .mcap, a .db3 or a Sensor '
+            'Logger export (folder or .zip)'
+        )
+    if not bags.is_bag(path):
         if not phone.is_phone_export(path):
             raise DataError(
                 f'{path}: neither a ROS 2 bag (.mcap, .db3) nor a Sensor Logger export '

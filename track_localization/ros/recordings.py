@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from track_localization.errors import DataError
@@ -102,7 +103,7 @@ def open_imu_recording(
     and ``units`` as in ``read_recording``. Raise DataError when the recording cannot be used; what
     is wrong but bearable is in the findings.
     """
-    if not bags.is_bag(source):
+    if not (Path(source).exists() and bags.is_bag(source)):
         recording = read_recording(source, topic, platform, units)
         imu, findings = recording.imu, recording.findings
         return ImuRecording(lambda: series_items(imu, send_on, frame_id), findings)

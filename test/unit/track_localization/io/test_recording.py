@@ -72,8 +72,9 @@ def test_a_phone_in_g_is_told_as_a_bag_is(tmp_path, units):
 def test_neither_of_the_two(tmp_path):
     with pytest.raises(DataError, match='neither a ROS 2 bag'):
         read_recording(tmp_path)
-    with pytest.raises(DataError, match='no such file'):
-        read_recording(tmp_path / 'nothing')
+    for name in ('nothing', 'nothing.mcap'):
+        with pytest.raises(DataError, match=r'no such file.*\.mcap.*Sensor Logger export'):
+            read_recording(tmp_path / name)
     (tmp_path / 'notes.txt').write_text('hello')
     with pytest.raises(DataError, match=r'notes\.txt'):
         read_recording(tmp_path / 'notes.txt')
