@@ -1,6 +1,7 @@
 """``evaluate`` and ``locate`` over a simulated ride, from the command line to the files."""
 
 import csv
+import dataclasses
 import json
 import shutil
 
@@ -223,3 +224,37 @@ def test_places_that_cannot_be_written_are_told_before_the_work(ride, tmp_path, 
     said = capsys.readouterr().err
     assert f'error: --output {out}: cannot be made' in said
     assert 'locating' not in said
+
+
+@pytest.mark.parametrize('fault', ['none', 'zeros', 'deg'])
+def test_methods_that_need_an_unusable_gyro_are_left_out(ride, evaluated, tmp_path, capsys, fault):
+    """The match on z is as good as with a gyro; nothing else is tabulated."""
+    folder = copy_of(ride, tmp_path)
+    imu, _ = read_imu(ride / 'bag')
+    factor = {'none': np.nan, 'zeros': 0.0, 'deg': 180.0 / np.pi}[fault]
+    with BagWriter(folder / 'bag', overwrite=True) as bag:
+        bag.write_imu(
+            'imu/data_raw', dataclasses.replace(imu, angular_rate=imu.angular_rate * factor)
+        )
+    out = tmp_path / 'out'
+    arguments = ['coaster', str(folder / 'bag'), '--no-plots', '--output', str(out)]
+    assert evaluate([*arguments, '--methods', 'dtw_z,eskf,track_filter']) == 0
+    said = capsys.readouterr().out
+    assert 'left out, as they need the gyro: eskf, track_filter (' in said
+    assert set(metrics_of(out)['methods']) == {'dtw_z'}
+    found, whole = (metrics_of(f)['methods']['dtw_z']['markers_m'] for f in (out, evaluated))
+    assert found['mean'] == pytest.approx(whole['mean'], rel=0.1)
+    assert evaluate([*arguments, '--methods', 'eskf']) == 1
+    assert 'error: eskf: cannot be run' in capsys.readouterr().err
+
+
+def test_without_gravity_nothing_is_run(ride, tmp_path, capsys):
+    folder = copy_of(ride, tmp_path)
+    imu, _ = read_imu(ride / 'bag')
+    force = imu.specific_force - imu.specific_force[:300].mean(axis=0)
+    with BagWriter(folder / 'bag', overwrite=True) as bag:
+        bag.write_imu('imu/data_raw', dataclasses.replace(imu, specific_force=force))
+    out = tmp_path / 'out'
+    assert evaluate(['coaster', str(folder / 'bag'), *QUICK, '--output', str(out)]) == 1
+    assert 'gravity was removed. Record' in capsys.readouterr().err.splitlines()[-1]
+    assert not out.exists()

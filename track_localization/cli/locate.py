@@ -13,6 +13,7 @@ import numpy as np
 from coaster_localization.methods import METHODS, MethodResult, run_methods
 from track_localization.cli.coaster import inputs as coaster_inputs
 from track_localization.cli.coaster.evaluate_notes import clock_offset, mount_note
+from track_localization.cli.coaster.usable import usable
 from track_localization.cli.common import guarded, say
 from track_localization.cli.files import make_file
 from track_localization.errors import DataError
@@ -100,14 +101,15 @@ def run(args: argparse.Namespace) -> None:
     inputs = coaster_inputs.read_inputs(args)
     for finding in inputs.recording.findings:
         say(str(finding))
+    methods, recording, _ = usable([args.method], inputs.recording)
     if args.output is not None:
         make_file(args.output)
     say(f'locating {len(events)} events by {args.method}')
     results = run_methods(
-        inputs.recording.imu,
+        recording.imu,
         inputs.design,
         inputs.config,
-        [args.method],
+        methods,
         learned=inputs.learned,
     )
     result: MethodResult = next(iter(results))

@@ -37,11 +37,16 @@ AXES = 'xyz'
 
 
 class Finding(NamedTuple):
-    """One observation: severity, what it is, and what can be done or still works."""
+    """
+    One observation: severity, what it is, and what can be done or still works.
+
+    ``spoils`` tells what of the recording cannot be used at all.
+    """
 
     severity: Severity
     what: str
     remedy: str
+    spoils: Literal['', 'force', 'rate'] = ''
 
     def __str__(self) -> str:
         return f'{self.severity}: {self.what}. {self.remedy}.'
@@ -218,18 +223,22 @@ def _clock(imu: ImuSeries) -> Iterator[Finding]:
 
 
 def _gyro(imu: ImuSeries) -> Iterator[Finding]:
-    plain = 'Matching on z works (dtw_z, dtw_penalised, srdtw_z)'
+    plain = 'Matching on z works (srdtw_paper, dtw_z, srdtw_z)'
     if not imu.has_gyro:
         yield Finding(
             'warning',
             'no gyroscope',
             f'{plain}; pitch, yaw, roll, multi, the ESKF and the track filter need one',
+            'rate',
         )
         return
     rate = imu.angular_rate
     if not rate.any():
         yield Finding(
-            'error', 'the gyroscope sends zeros', f'{plain}; mend the driver for the other methods'
+            'error',
+            'the gyroscope sends zeros',
+            f'{plain}; mend the driver for the other methods',
+            'rate',
         )
         return
     usual = _strong(rate)
@@ -238,6 +247,7 @@ def _gyro(imu: ImuSeries) -> Iterator[Finding]:
             'error',
             f'a tenth of the time it turns faster than {usual:.3g} rad/s: the rates are in deg/s',
             'Set units to deg (or g_deg if the forces are in g)',
+            'rate',
         )
 
 
@@ -287,18 +297,21 @@ def _force(imu: ImuSeries) -> Iterator[Finding]:
         return
     length = float(np.linalg.norm(rest))
     if 0.9 < length < 1.1:
-        yield Finding('error', f'{length:.3f} at rest: specific force is in g', 'Set units to g')
+        what = f'{length:.3f} at rest: specific force is in g'
+        yield Finding('error', what, 'Set units to g', 'force')
     elif length < 2.0:
         yield Finding(
             'error',
             f'{length:.2g} m/s^2 at rest: gravity was removed',
             'Record the accelerometer with gravity (TotalAcceleration; Accelerometer and Gravity)',
+            'force',
         )
     elif not 0.95 * GRAVITY < length < 1.05 * GRAVITY:
         yield Finding(
             'error',
             f'{length:.4g} m/s^2 at rest instead of {GRAVITY:.4g}',
             'Unit or scale unknown: calibrate the sensor, or convert to m/s^2',
+            'force',
         )
         return
     if length >= 0.9:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from track_localization.cli.coaster import sweeps as coaster_sweeps
 from track_localization.cli.coaster.evaluate_files import report_sections, write_bag
 from track_localization.cli.coaster.evaluate_notes import notes
 from track_localization.cli.coaster.results import Reference, figures, floor_figures, table
+from track_localization.cli.coaster.usable import usable
 from track_localization.cli.common import guarded, say
 from track_localization.cli.files import make_folder, write_metrics, write_trajectories
 from track_localization.cli.parameters import config_text
@@ -52,6 +54,8 @@ def run(args: argparse.Namespace) -> None:
     inputs = coaster_inputs.read_inputs(args)
     for finding in inputs.recording.findings:
         say(str(finding))
+    methods, recording, left_out = usable(args.methods, inputs.recording)
+    inputs = dataclasses.replace(inputs, recording=recording)
     make_folder(args.output)
     markers = inputs.markers
     reference = Reference.of(
@@ -60,14 +64,14 @@ def run(args: argparse.Namespace) -> None:
         None if markers is None else markers.time_s,
         None if markers is None else markers.position,
     )
-    results, metrics = _run_methods(args.methods, inputs, reference)
+    results, metrics = _run_methods(methods, inputs, reference)
     content = _content(args, inputs, reference, metrics)
     write_metrics(args.output, content)
     write_trajectories(args.output, {name: r.trajectory for name, r in results.items()})
     write_bag(args.output / 'results', inputs, results)
     pictures = [] if args.no_plots else _pictures(args, inputs, results, reference)
     title = 'error [m] over the moving part of the ride' if reference.truth else 'methods'
-    shown, said = table(metrics, title), notes(inputs, results, metrics)
+    shown, said = table(metrics, title), left_out + notes(inputs, results, metrics)
     settings = config_text(inputs.config)
     sections = report_sections(content, shown, said, pictures, settings)
     write_report(args.output / 'report.html', f'Roller coaster: {args.bag}', sections)
@@ -122,7 +126,7 @@ def _pictures(
     matches = {name: r.match for name, r in results.items() if r.match is not None}
     sweeps = None
     runs = coaster_sweeps.runs(matches)
-    if args.sweeps and inputs.markers is not None and runs:
+    if args.sweeps and inputs.markers is not None and runs and inputs.recording.imu.has_gyro:
         with Progress(runs, 'sweep') as progress:
 
             def step(label: str) -> None:

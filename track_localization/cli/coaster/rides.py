@@ -12,6 +12,7 @@ from coaster_localization.ride_passes import SmoothedRide
 from coaster_localization.track_map import line_map
 from coaster_localization.track_rides import filter_ride
 from track_localization.cli.coaster import inputs as coaster_inputs
+from track_localization.cli.coaster.usable import usable
 from track_localization.cli.common import say
 from track_localization.cli.files import beside
 from track_localization.errors import DataError
@@ -71,10 +72,9 @@ def read_ride(args: argparse.Namespace, path: Path, setup: Setup) -> tuple[Smoot
     for finding in recording.findings:
         say(f'{path}: {finding}')
     imu = apply_mount(recording.imu, setup.config.mount_rpy_deg)
-    if not imu.has_gyro:
-        raise DataError(f'{path}: no angular rate; the track filter needs a gyro, record one')
     start_m = float(setup.design.chainage[0])
     try:
+        usable(['track_filter_smoothed'], recording)
         filtered = filter_ride(imu, setup.line, start_m, setup.config.track_filter)
     except DataError as error:
         raise DataError(f'{path}: {error}') from None
