@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 from coaster_localization.config import CoasterConfig
@@ -118,6 +119,23 @@ def read_config(path: Path) -> tuple[CoasterConfig, dict[str, Path]]:
     return read_parameters(path, CoasterConfig(), NODES, ('track', 'design_ride'))
 
 
+def read_with_options(
+    path: Path, topic: str, args: argparse.Namespace, truth_topic: str = TRUTH_TOPIC
+) -> Recording:
+    """Read a recording; what is wrong with it is told with the command line's options."""
+    try:
+        recording = read_recording(path, topic, args.platform, args.units, truth_topic)
+    except DataError as error:
+        raise DataError(as_options(str(error))) from None
+    findings = [f._replace(remedy=as_options(f.remedy)) for f in recording.findings]
+    return dataclasses.replace(recording, findings=findings)
+
+
+def as_options(text: str) -> str:
+    """Return a text that says how to set parameters with the options that set them."""
+    return re.sub(r'\b([Ss]et) (platform|units) to\b', r'\1 --\2 to', text)
+
+
 def _read_recording(args: argparse.Namespace) -> Recording:
     remap = {name.strip('/'): topic for name, topic in args.remap}
     strange = set(remap) - {IMU_TOPIC, TRUTH_TOPIC}
@@ -126,13 +144,8 @@ def _read_recording(args: argparse.Namespace) -> Recording:
             f'--remap {min(strange)}: the coaster reads {IMU_TOPIC} and {TRUTH_TOPIC} only'
         )
     wanted = args.truth_topic or remap.get(TRUTH_TOPIC)
-    recording = read_recording(
-        args.bag,
-        remap.get(IMU_TOPIC, IMU_TOPIC),
-        args.platform,
-        args.units,
-        wanted or TRUTH_TOPIC,
-    )
+    topic = remap.get(IMU_TOPIC, IMU_TOPIC)
+    recording = read_with_options(args.bag, topic, args, wanted or TRUTH_TOPIC)
     if wanted and recording.truth is None:
         topics = ', '.join(bags.list_topics(args.bag)) if recording.kind == 'bag' else 'none'
         raise DataError(f'{args.bag}: no odometry on {wanted}; topics here: {topics}')

@@ -17,7 +17,6 @@ from track_localization.cli.common import say
 from track_localization.cli.files import beside
 from track_localization.errors import DataError
 from track_localization.estimation.imu import ImuSeries
-from track_localization.io.recording import read_recording
 from track_localization.track.design_ride import DesignRide, read_design_ride
 from track_localization.track.learned_line import LearnedLine, read_learned_line
 from track_localization.track.line_map import LineMap
@@ -68,7 +67,7 @@ def read_setup(args: argparse.Namespace, first: Path) -> Setup:
 
 def read_ride(args: argparse.Namespace, path: Path, setup: Setup) -> tuple[SmoothedRide, ImuSeries]:
     """Read a recording and smooth it; errors name the recording."""
-    recording = read_recording(path, args.topic, args.platform, args.units)
+    recording = coaster_inputs.read_with_options(path, args.topic, args)
     for finding in recording.findings:
         say(f'{path}: {finding}')
     imu = apply_mount(recording.imu, setup.config.mount_rpy_deg)

@@ -1,11 +1,16 @@
 """The nodes' parameter file as configuration."""
 
+import argparse
+
+import numpy as np
 import pytest
 
 from coaster_localization.config import CoasterConfig
-from track_localization.cli.coaster.inputs import read_config
+from track_localization.cli.coaster.inputs import read_config, read_with_options
 from track_localization.cli.parameters import config_text
 from track_localization.errors import DataError
+from track_localization.estimation.imu import ImuSeries
+from track_localization.io.bags import BagWriter
 
 GOOD = """
 /**:
@@ -65,3 +70,24 @@ def test_a_wrong_parameter_file_is_told(tmp_path, text, words):
     with pytest.raises(DataError) as error:
         read_config(written(tmp_path, text))
     assert all(word in str(error.value) for word in words)
+
+
+def test_remedies_name_the_options_of_the_command_line(tmp_path, rng):
+    """A bag in g is converted unless --units says otherwise; a phone's platform is --platform."""
+    args = argparse.Namespace(platform='auto', units='auto')
+    noise = rng.normal(scale=0.001, size=(2, 2000, 3))
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.write_imu(
+            'imu/data_raw', ImuSeries(np.arange(2000) / 100.0, noise[0] + [0, 0, 1], noise[1])
+        )
+    (finding,) = read_with_options(tmp_path / 'bag', 'imu/data_raw', args).findings
+    assert 'set --units to si' in finding.remedy
+    args.units = 'si'
+    found = read_with_options(tmp_path / 'bag', 'imu/data_raw', args).findings
+    assert 'Set --units to g' in [finding.remedy for finding in found]
+    phone = tmp_path / 'phone'
+    phone.mkdir()
+    for name in ('Accelerometer', 'Gravity'):
+        (phone / f'{name}.csv').write_text('time,z,y,x\n1000000000,9.8,0,0\n1010000000,9.8,0,0\n')
+    with pytest.raises(DataError, match='set --platform to ios or android'):
+        read_with_options(phone, 'imu/data_raw', args)
