@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from track_localization.cli.common import say
+from track_localization.cli.files import make_folder
 from track_localization.cli.progress import Progress
 from track_localization.errors import DataError
 
@@ -58,7 +59,7 @@ class Keeper(Generic[T, R]):
             say(f'{len(results)} {self.what} kept in {folder}, {len(left)} missing')
             return results
         say(f'{len(left)} {self.what} to run, {len(results)} kept in {folder}')
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         with Progress(len(left), self.what, quiet_s=10.0) as progress:
             for task, result in pool(self.run, left, jobs):
                 self.write(folder / self.file(task), result, code)

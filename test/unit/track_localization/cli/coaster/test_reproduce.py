@@ -241,3 +241,12 @@ def test_sweeps_become_medians_over_rides(good):
     assert reproduce_tables.sweep_goals(reverse)[0].met is False
     assert 'fig14_srdtw_paper' in reproduce_tables.sweep_tables(sweeps)
     assert reproduce_tables.sweeps_of(Rides(good)) is None
+
+
+def test_an_output_that_cannot_be_made_is_told(tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    arguments = ['--seeds', '0:1', '--tracks', 'mine', '--output', str(tmp_path / 'file' / 'x')]
+    assert reproduce.main(arguments) == 1
+    said = capsys.readouterr().err
+    assert 'cannot be made' in said
+    assert 'Traceback' not in said
