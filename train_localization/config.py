@@ -90,10 +90,11 @@ class MapConfig:
     """The surveyed line, and its own error."""
 
     offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the whole map', 0.0, 100.0)
-    trusted_sigma_m: float = setting(0.4, 'm', 'of it, while fixes do not speak against', 0.01, 10)
+    right_sigma_m: float = setting(0.05, 'm', 'of it, where the map is right', 1e-3, 10.0)
+    right_share: float = setting(0.95, '', 'of maps that are right, before fixes tell', 0.0, 1.0)
     local_sigma_m: float = setting(0.3, 'm', 'of its wander, across', 0.01, 100.0)
-    height_sigma_m: float = setting(0.2, 'm', 'of its wander, upward', 0.01, 100.0)
-    wander_m: float = setting(300.0, 'm', 'length over which it wanders', 0.0, 1e5)
+    height_sigma_m: float = setting(0.15, 'm', 'of its wander, upward', 0.01, 100.0)
+    wander_m: float = setting(200.0, 'm', 'length over which it wanders', 0.0, 1e5)
     course_sigma_deg: float = setting(0.2, 'deg', 'of its direction', 1e-3, 45.0)
     rate_hz: float = setting(1.0, 'Hz', 'how often it is used', 0.01, 100.0)
 

@@ -91,6 +91,7 @@ class TrainPipeline:
         self._late = 0
         self.mode = ALIGNING
         self._latest: Estimate | None = None
+        self._map_right = math.nan
 
     def _align(self) -> None:
         """Begin to look for the attitude."""
@@ -183,13 +184,14 @@ class TrainPipeline:
             self._note(sensor, state)
         if sensor != IMU or heard.time_s < newest:
             return []
-        estimate = self.estimate(state)
+        told = self._filter.told(state)
+        estimate = self.estimate(told)
         if not sane(estimate):
             self._rejections.add('filter', 'diverged')
             self._align()
             self.mode = ALIGNING
             return []
-        self._latest, self.mode = estimate, estimate.mode
+        self._latest, self.mode, self._map_right = estimate, estimate.mode, told.map_right
         return [estimate]
 
     def _begin(self, heard: Stretch | Fix | WheelSpeed) -> list[Estimate]:
@@ -308,6 +310,8 @@ class TrainPipeline:
             newest = self._latest.time_s
             for sensor, heard_s in self._heard_s.items():
                 out[f'health.{sensor}'] = 'ok' if newest - heard_s < SILENT_S else 'silent'
+        if math.isfinite(self._map_right):
+            out['map_right'] = round(self._map_right, 3)
         out |= {f'nis.{sensor}': round(nis, 3) for sensor, nis in self._nis.items()}
         out['late'] = self._late
         return out

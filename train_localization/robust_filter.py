@@ -50,7 +50,7 @@ ALIKE, USUAL = 10.0, 1.5
 A fix that claims more than so many times the usual slow error has more of it; so many in a row, one
 a second, are taken to err alike. Under an open sky HDOP changes by less.
 """
-MAP_GATE, MAP_LIMIT = 25.0, 4.0
+MAP_GATE = 25.0
 ANY = 1e300
 GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
 """What a train may do unseen while the IMU is silent for longer, 1 sigma."""
@@ -117,7 +117,7 @@ class RobustFilter:
         t, never = start.time_s, -math.inf
         return Fused(
             nav, aux, P, t, np.full(6, np.nan), np.zeros(3), 0.0, t, t, 3, 0, never, 0, t, t, t,
-            math.nan, False, '', math.nan,
+            math.nan, math.nan, '', math.nan,
         )  # fmt: skip
 
     def apply(self, state: Fused, heard: Heard) -> Fused:
@@ -158,6 +158,21 @@ class RobustFilter:
         )  # fmt: skip
         return state, Phi
 
+    def told(self, state: Fused) -> Fused:
+        """
+        Return what is told of a state: with a line, whether its map is right is weighed.
+
+        Nothing of that enters the filter, so that fixes to come may speak against the map.
+        """
+        if self._track is None:
+            return state
+        nav, aux, P = state.nav.copy(), state.aux.copy(), state.P.copy()
+        line = self._config.map
+        right = map_kernels.weigh_map(
+            nav, aux, P, line.offset_sigma_m**2, line.right_sigma_m**2, line.right_share
+        )
+        return state._replace(nav=nav, aux=aux, P=P, map_right=right)
+
     def _stretch(self, state: Fused, stretch: Stretch) -> Fused:
         state, _ = self.predict(state, stretch)
         if not self._aided:
@@ -180,15 +195,11 @@ class RobustFilter:
         return self._line(state, speed) if self._track is not None else state
 
     def _line(self, state: Fused, speed: float) -> Fused:
-        """Use the surveyed line, and trust it when fixes have gone."""
+        """Use the surveyed line, whose offset may be anything for now; see ``told``."""
         line, now = self._config.map, state.time_s
         nav, aux, P = state.nav, state.aux, state.P
-        trusted = state.trusted
-        if not trusted and now - state.fixed_s > LOST_AFTER_S:
-            map_kernels.trust_map(nav, aux, P, line.trusted_sigma_m**2, MAP_LIMIT)
-            trusted = True
         if now - state.mapped_s < 1.0 / line.rate_hz - 1e-6:
-            return state._replace(trusted=trusted)
+            return state
         assert self._track is not None
         assert self._placing is not None
         position, to_level = self._placing.position(nav), self._placing.rotation(nav).T
@@ -206,7 +217,7 @@ class RobustFilter:
                 alike * math.radians(line.course_sigma_deg) ** 2, MAP_GATE,
             )  # fmt: skip
             state = state._replace(nis=nis, reason='off_the_map' if nis > MAP_GATE else '')
-        return state._replace(mapped_s=now, chainage=s, trusted=trusted)
+        return state._replace(mapped_s=now, chainage=s)
 
     def _fix(self, state: Fused, heard: Fix) -> Fused:
         gnss, fix = self._config.gnss, heard.gnss

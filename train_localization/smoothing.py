@@ -91,7 +91,7 @@ def smoothed(ride: Ride, pipeline: TrainPipeline) -> list[Estimate]:
         for (stretch, state), x_k, P_k in zip(steps, x, P, strict=True):
             if stretch is not None:
                 better = state._replace(nav=x_k[:NAV], aux=x_k[NAV:], P=P_k)
-                estimates.append(pipeline.estimate(better))
+                estimates.append(pipeline.estimate(filter_.told(better)))
     return estimates
 
 

@@ -62,7 +62,7 @@ class Fused(NamedTuple):
         railed_s: when the rails were last used [s].
         mapped_s: when the line was [s].
         chainage: nearest, along the line [m].
-        trusted: whether the map's offset has been taken for small.
+        map_right: probability that the map is nowhere off, where it is told; else NaN.
         reason: why the newest measurement was refused; '' when it was not.
         nis: of it; NaN when it was not used.
     """
@@ -84,6 +84,6 @@ class Fused(NamedTuple):
     railed_s: float
     mapped_s: float
     chainage: float
-    trusted: bool
+    map_right: float
     reason: str
     nis: float

@@ -172,17 +172,45 @@ def test_a_standing_train_tells_its_gyro_biases(state):
     np.testing.assert_allclose(aux[:3], bias, atol=1e-9)
 
 
-def test_a_map_that_fixes_speak_against_is_not_trusted(state):
+def test_a_map_is_weighed_as_the_mixture_of_its_two_priors(state, rng):
+    """Against drawing: offsets of both kinds, weighted by what the filter has seen of them."""
+    nav, aux, P = state
+    root = np.zeros((SIZE, SIZE))
+    used = [0, MAP, MAP + 1]
+    root[np.ix_(used, used)] = [[0.3, 0.0, 0.0], [0.5, 0.7, 0.0], [-0.2, 0.1, 0.9]]
+    P[:] = root @ root.T + np.diag(np.full(SIZE, 1e-9))
+    aux[:] = 0.0
+    seen = np.array([0.9, -0.4])
+    aux[MAP - 9 : MAP - 7] = seen
+    north, wide, narrow, share = nav.copy(), 4.0, 0.04, 0.9
+    drawn = rng.multivariate_normal(np.zeros(3), P[np.ix_(used, used)], 400_000)
+    squared = ((drawn[:, 1:] + seen) ** 2).sum(axis=1)
+    ratio = wide / narrow * np.exp(-0.5 * squared * (1.0 / narrow - 1.0 / wide))
+    weight = share * ratio + 1.0 - share
+    expected = share * ratio.mean() / weight.mean()
+    mean = (drawn * weight[:, None]).sum(axis=0) / weight.sum()
+    spread = np.cov(drawn.T, aweights=weight)
+    right = map_kernels.weigh_map(nav, aux, P, wide, narrow, share)
+    assert right == pytest.approx(expected, rel=0.03)
+    np.testing.assert_allclose(aux[MAP - 9 : MAP - 7], seen + mean[1:], atol=0.02)
+    east = (nav[1] - north[1]) * 6.378e6 * np.cos(north[0])
+    assert east == pytest.approx(mean[0], abs=0.02)
+    np.testing.assert_allclose(P[np.ix_(used, used)], spread, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ('off', 'wide', 'share', 'right'),
+    [(30.0, 4.0, 1.0, 0.0), (3.0, 0.04, 0.9, 0.0), (0.3, 4.0, 0.0, 0.0), (3.0, 4.0, 0.9, 0.02)],
+)
+def test_a_map_that_cannot_be_right_changes_little_or_nothing(state, off, wide, share, right):
+    """Fixes are sure against it, it has one prior only, no map is right, fixes speak against."""
     nav, aux, P = state
     P[:] = np.diag(np.full(SIZE, 0.25))
     aux[:] = 0.0
-    aux[MAP - 9] = 3.0
-    before = P[MAP, MAP]
-    assert not map_kernels.trust_map(nav, aux, P, 0.16, 4.0)
-    assert P[MAP, MAP] == before
-    aux[MAP - 9] = 0.3
-    assert map_kernels.trust_map(nav, aux, P, 0.16, 4.0)
-    assert P[MAP, MAP] == pytest.approx(0.25 * 0.16 / 0.41)
+    aux[MAP - 9] = off
+    assert map_kernels.weigh_map(nav, aux, P, wide, 0.04, share) <= right
+    assert aux[MAP - 9] == pytest.approx(off, rel=0.02)
+    assert P[MAP, MAP] == pytest.approx(0.25, rel=0.5)
 
 
 def test_covariance_spreads_as_the_transition_says(state, rng):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -135,6 +137,15 @@ def test_a_map_keeps_the_train_on_its_line(run, stream):
     with_map = Outcome(run, stream, Centreline.from_track(run.track), method='robust_map')
     assert with_map.worst(*OUTAGE_S) < 3.0
     assert with_map.estimates[-1].chainage == pytest.approx(run.chainage[-1], abs=5.0)
+    assert with_map.pipeline.diagnostics()['map_right'] > 0.8
+
+
+def test_a_map_that_is_off_is_found_out_by_the_fixes(run, stream):
+    beside = dataclasses.replace(run.track, position=run.track.position + 5.0 * run.track.left)
+    misled = Outcome(run, stream, Centreline.from_track(beside), method='robust_map')
+    assert misled.pipeline.diagnostics()['map_right'] < 0.1
+    after = misled.time_s > 20.0
+    assert (misled.horizontal / np.hypot(*misled.sigma[:, :2].T))[after].max() < 3.0
 
 
 def test_fixes_alone_drift_through_the_outage(run, stream, plain):
