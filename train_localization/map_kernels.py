@@ -63,9 +63,7 @@ def line(
 
 
 @njit(cache=True)
-def weigh_map(
-    nav: Array, aux: Array, P: Array, wide: float, narrow: float, share: float
-) -> float:
+def weigh_map(nav: Array, aux: Array, P: Array, wide: float, narrow: float, share: float) -> float:
     """
     Weigh a map that is nowhere off against one that is, in place; return the first's probability.
 
