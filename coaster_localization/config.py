@@ -83,10 +83,10 @@ class MatcherConfig:
     online_rate_hz: float = setting(25.0, 'Hz', 'rate of the rows compared', 5.0, 100.0)
     online_low_pass_hz: float = setting(2.5, 'Hz', 'causal low-pass of the series', 0.1, 50.0)
     online_noise: float = setting(
-        1.0, '', "variance of a row's distance, for errors that last", 1e-6, 1e6
+        0.5, '', "variance of a row's distance, for errors that last", 1e-6, 1e6
     )
     pace_change: float = setting(
-        0.005, '', 'probability per row of each neighbouring pace', 0.0, 0.5
+        0.003, '', 'probability per row of each neighbouring pace', 0.0, 0.5
     )
     jump: float = setting(0.02, '', 'probability per row of one row more or less', 0.0, 0.3)
     gap_s: float = setting(1.0, 's', 'pause in the samples after which all is sought', 0.05, 10.0)

@@ -14,6 +14,7 @@ from coaster_localization.planned import Features, PlannedRows
 from coaster_localization.rest import RestWatch
 from coaster_localization.sensed import shortest_turn
 from coaster_localization.stamps import GAP, RESTART, StampCheck
+from coaster_localization.station import Station
 from coaster_localization.ticks import Ticker
 from coaster_localization.tracker import Tracker
 from track_localization.errors import DataError
@@ -57,6 +58,7 @@ class OnlineMatcher:
                 'angles are for whole recordings'
             )
         self._design, self._config = design, config
+        self._station = Station(design)
         self._start_R_nb = so3.matrix_from_quat(design.quaternion[0])
         self._plans: dict[str, PlannedRows] = {}
         self._lag = round(config.lag_s * config.online_rate_hz)
@@ -68,7 +70,7 @@ class OnlineMatcher:
         config = self._config
         self._stamps = StampCheck(config.gap_s)
         self._ticker = Ticker(config.online_rate_hz, config.gap_s)
-        self._rest = RestWatch(config.online_rate_hz)
+        self._rest = RestWatch(config.online_rate_hz, self._station.is_elsewhere)
         self._has_gyro: bool | None = None
         self._phase = WAITING
         self._ticks = 0
@@ -163,7 +165,7 @@ class OnlineMatcher:
             plan.features, self._lag, config.online_noise, config.pace_change, config.jump
         )
         known = self._rest.known and self._phase == WAITING
-        tracker.start(0, plan.departure + 1 if known else len(plan.features))
+        tracker.start(0, plan.departure + 1 if known else len(plan.time_s))
         self._tracker, self._misfit = tracker, 0.0
         return tracker
 

@@ -27,6 +27,7 @@ from coaster_localization.start import (
     state_at_rest,
     state_from_match,
 )
+from coaster_localization.station import Station
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.history import History, Run, TooLateError
@@ -72,6 +73,7 @@ class CoasterEskf:
             config.accel_scale,
             config.gyro_scale,
         )
+        self._station = Station(design)
         self._usual_speed = usual_speeds(self.line, design)
         self._start = StartPose(
             design.position[0],
@@ -213,7 +215,7 @@ class CoasterEskf:
         if sample.time_s - waiting[0].time_s < self.config.rest_s:
             return []
         rest = observe_rest(waiting)
-        if rest is None:
+        if rest is None or self._station.is_elsewhere(rest.force):
             while sample.time_s - waiting[0].time_s >= self.config.rest_s:
                 waiting.popleft()
             return []

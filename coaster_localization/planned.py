@@ -9,6 +9,8 @@ from coaster_localization.channels import UNITS
 from coaster_localization.config import MatcherConfig
 from coaster_localization.sensed import design_motion
 from coaster_localization.ticks import FORCE, RATE, VERTICAL, LowPass
+from coaster_localization.tracker import PACES
+from track_localization import GRAVITY
 from track_localization.estimation import so3
 from track_localization.track.design_ride import DesignRide
 
@@ -18,6 +20,8 @@ MULTI = (2, 1, 0, 6, 7, 8, 4, 5)
 """Columns of a row in ``multi``: forces z, y, x; the vertical; rates y, z."""
 SETS = {'multi': (0, 1, 2, 3, 4, 5, 6, 7), 'no_vertical': (0, 1, 2, 6, 7), 'z': (0,)}
 """Of those, what is used: all, all without a known attitude, or the paper's z alone."""
+WIDENED = np.array([1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""Live, the force along the track counts less: brakes and drives differ most between rides."""
 PIECES = 8
 
 
@@ -28,7 +32,7 @@ class Features:
         """Make features of the channels ``which``, a name of SETS."""
         used = list(SETS[which])
         self._columns = [MULTI[k] for k in used]
-        self._units = UNITS['multi'][used]
+        self._units = (UNITS['multi'] * WIDENED)[used]
         self._low_pass = LowPass(config.online_rate_hz, config.online_low_pass_hz)
         self._gain = np.sqrt(config.derivative_weight) * config.online_rate_hz
         self._standing = config.standing_weight
@@ -48,6 +52,27 @@ class Features:
         return out
 
 
+def _at_paces(rows: Array, standing: NDArray[np.bool_], which: str, config: MatcherConfig) -> Array:
+    """
+    Return the features (P, n, F) of design rows (n, 9) ridden at each pace.
+
+    Rates grow with the speed, the force that turns the train with its square; what carries and
+    what slows the train is taken to be the design's. A derivative has one power more.
+    """
+    turning = np.zeros_like(rows)
+    turning[:, 1:3] = rows[:, 1:3] - GRAVITY * rows[:, 7:9]
+    rates = np.zeros_like(rows)
+    rates[:, RATE] = rows[:, RATE]
+    fixed = Features(which, config)(rows - turning - rates, standing)
+    nowhere = np.zeros_like(standing)
+    turning, rates = (Features(which, config)(part, nowhere) for part in (turning, rates))
+    derivative = np.zeros(fixed.shape[1])
+    derivative[len(derivative) // 2 : -1] = 1.0
+    paces = PACES[:, None, None]
+    features: Array = paces**derivative * (fixed + paces * rates + paces**2 * turning)
+    return features
+
+
 class PlannedRows:
     """
     The design ride in ticks, from the rest before it to the rest after.
@@ -55,7 +80,7 @@ class PlannedRows:
     Attributes:
         time_s: (n,) middle of each tick, design clock [s].
         chainage: (n,) [m].
-        features: (n, F).
+        features: (P, n, F), expected at each of the tracker's paces.
         departure, arrival: the last row before the ride and the first after it.
     """
 
@@ -74,7 +99,7 @@ class PlannedRows:
         self.time_s = begin + (np.arange(count) + 0.5) * step
         self.chainage = np.interp(self.time_s, design.time_s, design.chainage)
         standing = (self.time_s < motion.start_s) | (self.time_s > motion.end_s)
-        self.features = Features(which, config)(rows, standing)
+        self.features = _at_paces(rows, standing, which, config)
         self.departure = max(int(np.searchsorted(self.time_s, motion.start_s)) - 1, 0)
         self.arrival = min(int(np.searchsorted(self.time_s, motion.end_s)), count - 1)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +31,15 @@ class RestWatch:
         held_s: how long the sensor has stood still, to the latest row.
     """
 
-    def __init__(self, rate_hz: float) -> None:
-        """Expect rows of a Ticker at ``rate_hz``."""
+    def __init__(
+        self, rate_hz: float, elsewhere: Callable[[Array], bool] = lambda _: False
+    ) -> None:
+        """
+        Expect rows of a Ticker at ``rate_hz``.
+
+        ``elsewhere`` tells of a mean force (3,) whether a rest that shows it is none.
+        """
+        self._elsewhere = elsewhere
         self._step = 1.0 / rate_hz
         # The latest rows, the newest last; of the first ``_missing`` nothing is known yet.
         self._recent = np.zeros((max(8, round(rate_hz)), WIDTH))
@@ -86,6 +95,7 @@ class RestWatch:
             (rows[:, FORCE].std(axis=0) < REST_FORCE_STD).all()
             and (rows[:, RATE].std(axis=0) < REST_RATE_STD).all()
             and np.linalg.norm(rows[:, RATE].mean(axis=0)) < LARGEST_BIAS
+            and not self._elsewhere(rows[:, FORCE].mean(axis=0))
         )
 
     def _as_quiet_as_before(self) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from coaster_localization.station import Station
 from track_localization.errors import DataError
 from track_localization.estimation import so3, strapdown
 from track_localization.estimation.imu import ImuSeries, clean
@@ -104,6 +105,9 @@ def measured_motion(imu: ImuSeries, design: DesignRide) -> Motion:
         raise DataError(f'recording: {len(imu)} usable samples ({dropped}); record a whole ride')
     notes = [f'{n} samples dropped: {reason}' for reason, n in dropped.items()]
     before, after = _end_rests(imu)
+    if before and Station(design).is_elsewhere(imu.specific_force[before].mean(axis=0)):
+        before = None
+        notes.append('begins on a stretch as quiet as the station, and tilted: not taken for it')
     R_bm = np.eye(3)
     rest, row = (before, 0) if before else (after, -1)
     if rest:

@@ -5,6 +5,9 @@ An open-end time warping whose paths are summed instead of the best being kept: 
 the design and a pace, and each measured row moves on by none, one or two rows. So the answer comes
 with its own probability, and looking back by a fixed lag needs no path. Only the rows that have
 any probability are visited: few when the place is known, all when it is sought.
+
+A pace is a speed against the design's, and a train that is faster is pressed harder into its
+curves: what a row is expected to feel like depends on the pace as well.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ class Tracker:
 
     def __init__(self, design: Array, lag: int, noise: float, wander: float, jump: float) -> None:
         """
-        Prepare for ``design`` (n, C) features.
+        Prepare for ``design`` (P, n, C): the features expected of its rows at each of ``PACES``.
 
         ``noise`` is the variance of a feature row's distance, ``wander`` the probability per row
         of changing to either neighbouring pace, ``jump`` that of staying or skipping a row more
@@ -45,9 +48,9 @@ class Tracker:
         self._wander = wander
         self._steps = _steps(jump)
         self._lag = lag
-        n = len(design)
+        n = design.shape[1]
         self._forward = np.zeros((lag + 1, len(PACES), n))
-        self._likely = np.zeros((lag + 1, n))
+        self._likely = np.zeros((lag + 1, len(PACES), n))
         self._held = np.zeros(lag + 1, dtype=bool)
         self._range = np.zeros((lag + 1, 2), dtype=np.int64)
         self._now = 0
@@ -148,21 +151,23 @@ def _forward_step(
     stop = min(last + 2, n)
     width = stop - first
     # Views of the rows in reach: indices from nought are what the compiler makes fast.
-    design, likely, new = design[first:stop], likely[first:stop], new[:, first:stop]
-    distance = np.empty(width)
-    for j in range(width):
-        h = 0.0
-        for c in range(len(row)):
-            e = row[c] - design[j, c]
-            h += e * e
-        distance[j] = h
+    design, likely, new = design[:, first:stop], likely[:, first:stop], new[:, first:stop]
+    distance = np.empty((P, width))
+    for p in range(P):
+        for j in range(width):
+            h = 0.0
+            for c in range(len(row)):
+                e = row[c] - design[p, j, c]
+                h += e * e
+            distance[p, j] = h
     least = distance.min()
-    for j in range(width):
-        likely[j] = np.exp(-0.5 * (distance[j] - least) / noise) + UNLIKELIEST
+    for p in range(P):
+        for j in range(width):
+            likely[p, j] = np.exp(-0.5 * (distance[p, j] - least) / noise) + UNLIKELIEST
     # Two rows of nothing on either side: what is behind the first row and beyond the last.
     mixed = np.zeros((P, width + 2))
     _change_pace(old[:, first:last], wander, mixed[:, 2 : last - first + 2])
-    total = np.zeros(width)
+    total, fit = np.zeros(width), 0.0
     for p in range(P):
         stay, go, skip = HELD if held else steps[p]
         for j in range(width):
@@ -171,8 +176,9 @@ def _forward_step(
             # Nothing goes beyond the design's end.
             new[p, width - 1] += (1.0 - stay) * mixed[p, width + 1] + skip * mixed[p, width]
         for j in range(width):
-            new[p, j] *= likely[j]
+            new[p, j] *= likely[p, j]
             total[j] += new[p, j]
+            fit += new[p, j] * distance[p, j]
     whole = total.sum()
     share = 1.0 / whole
     for p in range(P):
@@ -183,7 +189,7 @@ def _forward_step(
         if total[j] > NEGLIGIBLE * whole:
             low, high = min(low, j), j + 1
     new_range[0], new_range[1] = first + low, first + high
-    return (total * distance).sum() / whole
+    return fit / whole
 
 
 @numba.njit(cache=True)
@@ -211,11 +217,11 @@ def _look_back(
         low, high = max(first, later_first), max(min(stop + 2, later_stop), first)
         there = reached[:, low - first : high - first]
         come = later[:, low - later_first : high - later_first]
-        chance = likely[slot, low:high]
+        chance = likely[slot, :, low:high]
         earlier = np.empty((P, stop - first))
         for p in range(P):
             for j in range(high - low):
-                there[p, j] = chance[j] * come[p, j]
+                there[p, j] = chance[p, j] * come[p, j]
             for j in range(n, stop + 2):
                 reached[p, j - first] = reached[p, n - 1 - first]
             stay, go, skip = HELD if held[slot] else steps[p]

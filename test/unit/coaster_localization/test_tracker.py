@@ -30,17 +30,22 @@ def dense_steps(n, held):
     return T
 
 
+def at_all_paces(design):
+    """Return (P, n, C): rows that feel the same at any pace."""
+    return np.repeat(design[None], len(PACES), axis=0)
+
+
 def dense(design, rows, held, start, lag):
     """Return the smoothed probabilities of design rows, ``lag`` measured rows ago."""
-    n, P = len(design), len(PACES)
+    P, n = design.shape[:2]
     prior = np.exp(-0.5 * ((PACES - 1.0) / 0.1) ** 2)
     state = np.zeros((n, P))
     state[start] = prior
     state = state.ravel() / state.sum()
     forward, likes = [state], []
     for row, still in zip(rows, held, strict=True):
-        h = ((design - row) ** 2).sum(axis=1)
-        like = np.repeat(np.exp(-0.5 * (h - h.min()) / NOISE), P)
+        h = ((design - row) ** 2).sum(axis=2).T.ravel()
+        like = np.exp(-0.5 * (h - h.min()) / NOISE)
         state = (state @ dense_steps(n, still)) * like
         state /= state.sum()
         forward.append(state)
@@ -56,8 +61,9 @@ def dense(design, rows, held, start, lag):
 @pytest.mark.parametrize('seed', range(4))
 def test_probabilities_are_those_of_the_chain(seed, lag):
     rng = np.random.default_rng(seed)
-    design = np.cumsum(rng.normal(size=(12, 2)), axis=0)
-    rows = design[[1, 2, 3, 3, 4, 6, 8]] + rng.normal(0, 0.4, (7, 2))
+    plain = np.cumsum(rng.normal(size=(12, 2)), axis=0)
+    design = PACES[:, None, None] ** [2.0, 0.0] * plain
+    rows = plain[[1, 2, 3, 3, 4, 6, 8]] + rng.normal(0, 0.4, (7, 2))
     held = np.array([0, 0, 0, 1, 0, 0, 0], dtype=bool)
     tracker = Tracker(design, 5, NOISE, WANDER, JUMP)
     tracker.start(0, 3)
@@ -72,7 +78,7 @@ def test_probabilities_are_those_of_the_chain(seed, lag):
 def test_only_likely_rows_are_visited():
     rng = np.random.default_rng(1)
     design = np.cumsum(rng.normal(size=(3000, 3)), axis=0)
-    tracker = Tracker(design, 10, 1.0, 0.005, 0.02)
+    tracker = Tracker(at_all_paces(design), 10, 1.0, 0.005, 0.02)
     tracker.start(0, 3000)
     assert tracker.width == 3000
     for k in range(1000, 1100):
@@ -84,7 +90,7 @@ def test_only_likely_rows_are_visited():
 
 def test_a_place_that_fits_nowhere_costs_no_certainty_of_numbers():
     design = np.zeros((50, 1))
-    tracker = Tracker(design, 3, 1e-3, 0.01, 0.01)
+    tracker = Tracker(at_all_paces(design), 3, 1e-3, 0.01, 0.01)
     tracker.start(0, 1)
     for _ in range(200):
         tracker.advance(np.array([1e6]), False)
@@ -97,7 +103,7 @@ def test_a_place_that_fits_nowhere_costs_no_certainty_of_numbers():
 
 def test_a_standing_train_stays():
     design = np.zeros((400, 1))
-    tracker = Tracker(design, 3, 1.0, 0.01, 0.01)
+    tracker = Tracker(at_all_paces(design), 3, 1.0, 0.01, 0.01)
     tracker.start(10, 11)
     for _ in range(250):
         tracker.advance(np.zeros(1), True)
