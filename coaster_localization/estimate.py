@@ -24,7 +24,8 @@ class FusedState(NamedTuple):
         chainage: of the estimate, along the line [m].
         last_match_s: stamp of the last fused match [s]; NaN before the first.
         doubted_since_s: since when every match was beyond the gate [s]; NaN after one within it.
-        last_zupt_s: stamp of the last standstill update [s].
+        last_zupt_s: when the train last felt at rest, used or not [s].
+        rolled_s: how long it felt so while it surely moved [s].
     """
 
     nav: eskf.State
@@ -32,6 +33,7 @@ class FusedState(NamedTuple):
     last_match_s: float
     doubted_since_s: float
     last_zupt_s: float
+    rolled_s: float = 0.0
 
 
 class Prediction(NamedTuple):

@@ -138,6 +138,7 @@ class OnlineMatcher:
         waiting = self._phase == WAITING and held
         if not waiting:
             self._phase = RIDING
+            held = held and not self._rest.smooth
         features = self._features(self._ticker.in_body(row)[None], np.array([waiting]))[0]
         tracker.advance(features, held)
         self._watch_misfit(tracker.fit)
@@ -151,6 +152,7 @@ class OnlineMatcher:
         ticker.R_nb[:] = self._start_R_nb
         if self._phase != WAITING:
             self._phase, self._tracker = WAITING, None
+            self._rest.arrived()
 
     def _begin(self, which: str) -> Tracker:
         """Start to follow: from the station while waiting there, else from anywhere."""

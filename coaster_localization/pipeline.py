@@ -49,6 +49,11 @@ IN_DOUBT_AFTER_S = 1.0
 """Matches beyond the gate for so long put the position in doubt, not one alone [s]."""
 ZUPT_SIGMA = 0.02
 """Velocity at standstill [m/s]."""
+ROLLS_MPS, SURELY, ROLLED_S = 1.0, 5.0, 1.0
+"""A speed so many times its sigma is surely one; a train that rolls so long as quietly as it stands
+is one that may do so anywhere."""
+CRAWLS_MPS = 0.5
+"""A train that is slower stands."""
 
 
 class CoasterEskf:
@@ -274,9 +279,7 @@ class CoasterEskf:
             q = measurement.q if abs(dt - step.dt) < SAME_S else self.noise(step, dt)
             nav = eskf.propagate(nav, step.f, step.w, dt, q, step.time_s)
             chainage = self.line.project(nav.position, state.chainage)
-            state = FusedState(
-                nav, chainage, state.last_match_s, state.doubted_since_s, state.last_zupt_s
-            )
+            state = state._replace(nav=nav, chainage=chainage)
         if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
             return self._zupt(state, step)
         return state
@@ -312,11 +315,19 @@ class CoasterEskf:
         """
         Use a standstill: no velocity, and the mean rate is the gyro's bias.
 
-        A quiet chain lift looks like one to the IMU, so the filter's own speed must agree.
+        A quiet chain lift looks like one to the IMU, so the filter's own speed must agree. A train
+        that was seen to roll as quietly as it stands must be known to stand, or be where it does.
         """
         nav = state.nav
+        state = state._replace(last_zupt_s=step.time_s)
         sigma_v = float(np.sqrt(np.trace(nav.P[3:6, 3:6])))
-        if np.linalg.norm(nav.velocity) > 0.3 + 2.0 * sigma_v or sigma_v > 3.0:
+        speed = float(np.linalg.norm(nav.velocity))
+        if speed > max(ROLLS_MPS, SURELY * sigma_v):
+            return state._replace(rolled_s=state.rolled_s + ZUPT_INTERVAL_S)
+        if speed > 0.3 + 2.0 * sigma_v or sigma_v > 3.0:
+            return state
+        stops = self._usual_speed[self.line.index(state.chainage)] < CRAWLS_MPS
+        if state.rolled_s > ROLLED_S and not stops and speed + 2.0 * sigma_v > CRAWLS_MPS:
             return state
         if np.linalg.norm(step.w_mean - nav.gyro_bias) > 0.02:
             return state
@@ -325,7 +336,7 @@ class CoasterEskf:
         H[3:6, eskf.GYRO_BIAS] = np.eye(3)
         nu = np.concatenate([-nav.velocity, step.w_mean - nav.gyro_bias])
         R = np.diag([ZUPT_SIGMA**2] * 3 + [max(0.3 * step.w_std, 2e-4) ** 2] * 3)
-        return state._replace(nav=eskf.update(nav, nu, H, R), last_zupt_s=step.time_s)
+        return state._replace(nav=eskf.update(nav, nu, H, R))
 
     def _quiet(self, step: ImuStep) -> bool:
         """Whether the sensor shakes no more than it did in the station, under 1 g."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numba
@@ -20,15 +21,28 @@ SLOWLY = 0.02
 """Largest share of one row in the yardstick of shaking, after the first rest."""
 LARGEST_BIAS = 0.05
 """A mean rate [rad/s] above which the sensor turns, whatever its noise."""
+STEADY_MPS2 = 0.05
+"""A rest's mean force changes by less over seconds."""
+GAINED_MPS, LITTLE_MPS, TELLS_S = 1.0, 0.5, 20.0
+"""
+What the force has added up to since a rest tells for so long that the train moves, or that it has
+hardly moved.
+"""
+SMOOTH_S = 1.0
+"""A train that moves so long without shaking tells nothing by not shaking."""
 
 
 class RestWatch:
     """
     Finds the first rest by absolute limits, later ones by comparison with it.
 
+    A train that rolls on smoothly feels like one that stands. What it was pushed by as it left
+    tells the two apart for some seconds, and so whether this train shakes at all as it rolls.
+
     Attributes:
         known: whether there was a rest at all.
         held_s: how long the sensor has stood still, to the latest row.
+        smooth: whether the train was seen to roll without shaking, so that later rests are none.
     """
 
     def __init__(
@@ -47,6 +61,8 @@ class RestWatch:
         self._short = max(4, round(0.6 * rate_hz))
         self.known = False
         self.held_s = 0.0
+        self.smooth = False
+        self._gained, self._left_s, self._rolled_s = np.zeros(3), 0.0, 0.0
         self._mean = np.zeros(WIDTH)
         self._learnt = 0
         self._learns_shake_slowly = False
@@ -67,7 +83,9 @@ class RestWatch:
         self._recent[:-1] = self._recent[1:]
         self._recent[-1] = row
         self._missing = max(self._missing - 1, 0)
-        if not (self._as_quiet_as_before() if self.known else self._quiet()):
+        quiet = self._as_quiet_as_before() if self.known else self._quiet()
+        moves = self.known and self._moves(row, quiet)
+        if moves or not quiet:
             self.held_s, self._learnt = 0.0, 0
             return False
         if not self.known:
@@ -76,6 +94,27 @@ class RestWatch:
         elif self.held_s > len(self._recent) * self._step:
             self._learn(oldest, 1)
         self.held_s += self._step
+        return True
+
+    def arrived(self) -> None:
+        """Note that the train is back in the station: whether it is smooth is found out anew."""
+        self.smooth, self._left_s = False, math.inf
+
+    def _moves(self, row: Array, quiet: bool) -> bool:
+        """Tell whether the train, seen at rest before, has gained speed since and not lost it."""
+        mean = self._mean[FORCE]
+        self._gained += self._step * (row[FORCE] - mean)
+        self._left_s += self._step
+        off = float(np.linalg.norm(self._recent[-self._short :, FORCE].mean(axis=0) - mean))
+        gained = float(np.linalg.norm(self._gained))
+        tells = self._left_s < TELLS_S
+        if quiet and off < STEADY_MPS2 and (gained < LITTLE_MPS or not tells):
+            self._gained, self._left_s, self._rolled_s = np.zeros(3), 0.0, 0.0
+            return False
+        if not (tells and gained > GAINED_MPS):
+            return False
+        self._rolled_s += self._step if quiet and off < 2.0 * STEADY_MPS2 else 0.0
+        self.smooth |= self._rolled_s > SMOOTH_S
         return True
 
     def _learn(self, mean: Array, count: int) -> None:

@@ -8,6 +8,7 @@ is tilted, and the gyro its bias. Everything else of the mount (its heading) is 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,11 @@ Array = NDArray[np.float64]
 AT_THE_END_S = 3.0
 """A rest this close to the recording's begin or end is the one before or after the ride."""
 DESIGN_REST_MPS = 0.05
+SMOOTH = 40.0
+"""
+A ride that shakes at most so many times as strongly as a rest, in power: a train rolls through the
+transfer track at a fifth of its usual speed, and shakes there a fifth as much.
+"""
 LEVEL_AS_IN_STATION = np.cos(np.deg2rad(5.0))
 
 
@@ -113,7 +119,7 @@ def measured_motion(imu: ImuSeries, design: DesignRide) -> Motion:
     if rest:
         gravity = imu.specific_force[rest].mean(axis=0)
         R_bm = shortest_turn(gravity, so3.matrix_from_quat(design.quaternion[row])[2])
-        held = _held(imu, rest, gravity)
+        held = _held(imu, (before, after), gravity)
         if not before:
             notes.append('no rest before the ride: levelled at the one after it')
     else:
@@ -196,23 +202,42 @@ def _attitude(body: ImuSeries, design: DesignRide, backward: bool) -> Array:
     return strapdown.integrate_attitude(_reversed(body), last, np.zeros(3))[::-1]
 
 
-def _held(imu: ImuSeries, rest: slice, gravity: Array) -> NDArray[np.bool_]:
+def _held(
+    imu: ImuSeries, rests: tuple[slice | None, slice | None], gravity: Array
+) -> NDArray[np.bool_]:
     """
-    Return where the train stands: shaken as little as in ``rest``, and level as there.
+    Return where the train stands: shaken as little as in the rests, and level as there.
 
     A slow train on a smooth transfer track or lift is nearly as quiet as a standing one, so the
-    rest of this very recording is the yardstick.
+    rest of this very recording is the yardstick. A train that shakes hardly more at speed is as
+    quiet wherever it rolls: it stands in the rests at the ends alone.
     """
+    known = [rest for rest in rests if rest is not None]
+    if _is_smooth(imu, known):
+        held = np.zeros(len(imu), dtype=bool)
+        for rest in known:
+            held[rest] = True
+        return held
     size = max(3, round(imu.rate_hz))
     shake = _shake(imu.specific_force, size)
-    still = shake < 1.25 * float(np.median(shake[rest])) + 0.002
+    still = shake < 1.25 * float(np.median(shake[known[0]])) + 0.002
     if imu.has_gyro:
         shake = _shake(imu.angular_rate, size)
-        still &= shake < 1.25 * float(np.median(shake[rest])) + 0.0002
+        still &= shake < 1.25 * float(np.median(shake[known[0]])) + 0.0002
     mean = uniform_filter1d(imu.specific_force, size, axis=0, mode='nearest')
     cosine = mean @ gravity / (np.linalg.norm(mean, axis=1) * np.linalg.norm(gravity) + 1e-9)
     still &= cosine > LEVEL_AS_IN_STATION
     return np.asarray(minimum_filter1d(maximum_filter1d(still, size), size))
+
+
+def _is_smooth(imu: ImuSeries, rests: Sequence[slice]) -> bool:
+    """Return whether the ride shakes hardly more than the rests, above what its motion makes."""
+    moves = np.ones(len(imu), dtype=bool)
+    for rest in rests:
+        moves[rest] = False
+    change = np.zeros(len(imu))
+    change[1:-1] = (np.diff(imu.specific_force, 2, axis=0) ** 2).sum(axis=1)
+    return bool(np.median(change[moves]) < SMOOTH * np.median(change[~moves]))
 
 
 def _shake(values: Array, size: int) -> Array:
