@@ -148,7 +148,7 @@ class EskfConfig:
     )
     history_s: float = setting(10.0, 's', 'how late a match may arrive', 0.1, 120.0)
     # Start
-    rest_s: float = setting(1.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
+    rest_s: float = setting(3.0, 's', 'standstill used for levelling before the ride', 0.2, 60.0)
     start_sigma_m: float = setting(0.3, 'm', 'where the train stands at the start', 1e-3, 1e4)
     yaw_sigma_deg: float = setting(4.0, 'deg', "sensor's heading in the vehicle", 0.01, 180.0)
     tilt_sigma_deg: float = setting(0.4, 'deg', 'levelling by a biased accelerometer', 0.01, 90.0)

@@ -23,6 +23,7 @@ from track_localization.track.line_table import LineTable
 Array = NDArray[np.float64]
 
 ITERATIONS = 4
+STANDS_MPS = 0.1
 SLOWEST = 0.5
 """Speed that turns a correlation length into a time, at least [m/s]."""
 
@@ -33,6 +34,12 @@ def usual_speeds(line: LineTable, design: DesignRide) -> Array:
     order = np.argsort(design.chainage, kind='stable')
     period = line.length if line.closed else None
     return np.interp(rows, design.chainage[order], design.speed[order], period=period)
+
+
+def surely_stands(nav: eskf.State) -> bool:
+    """Return whether the filter knows that the train stands."""
+    sigma = float(np.sqrt(np.trace(nav.P[3:6, 3:6])))
+    return sigma < STANDS_MPS and float(np.linalg.norm(nav.velocity)) < STANDS_MPS
 
 
 class MatchUpdate:
@@ -97,8 +104,10 @@ class MatchUpdate:
         nis = along**2 / (var_pred + variance)
         self.last_nis = nis
         since = float('nan')
+        stands = surely_stands(nav)
         if nis > self.config.gate_nis:
-            since = match.time_s if np.isnan(state.doubted_since_s) else state.doubted_since_s
+            begins = stands or np.isnan(state.doubted_since_s)
+            since = match.time_s if begins else state.doubted_since_s
             if match.time_s - since >= self.config.relocate_s:
                 nav = self._relocate(nav, match, along)
                 self.relocated.add(match.time_s)
@@ -108,7 +117,8 @@ class MatchUpdate:
                 return state._replace(doubted_since_s=since)
             else:
                 variance *= nis / self.config.gate_nis
-        usual = 0.0 if self._usual_speed is None else float(self._usual_speed[i])
+        # One place has one error, however often a train that stands there is matched.
+        usual = 0.0 if stands or self._usual_speed is None else float(self._usual_speed[i])
         speed = max(float(np.linalg.norm(nav.velocity)), usual, SLOWEST)
         config = self.config
         persists_s = config.match_correlation_s * max(1.0, config.match_slow_mps / speed) ** 2

@@ -99,6 +99,7 @@ class CoasterEskf:
         self._waiting: deque[ImuSample] = deque()
         self._rest: Rest | None = None
         self._early: list[MatchObservation] = []
+        self._tried_s = -math.inf
         self.history: History[FusedState, Prediction | MatchObservation] | None = None
         self.accepted = {'imu': 0, 'match': 0}
 
@@ -173,6 +174,7 @@ class CoasterEskf:
         self.accepted['imu'] += 1
         if self.history is None:
             estimates = self._wait_for_rest(sample)
+            self._begin_with_held(sample.time_s)
         else:
             estimates = [self._predict(self.history, sample)]
         if self._early and self.history is not None:
@@ -180,6 +182,15 @@ class CoasterEskf:
             for match in early:
                 self._count(self._place(match))
         return estimates
+
+    def _begin_with_held(self, time_s: float) -> None:
+        """Begin with a match that came before its sample, now that this one has come."""
+        due = [match for match in self._early if self._tried_s < match.time_s <= time_s]
+        self._tried_s = time_s
+        for match in due:
+            if self.history is None:
+                self._early.remove(match)
+                self._count(self._start_from_match(match))
 
     def _push_match(self, match: MatchObservation) -> None:
         self._count(problem(match) or self._place(match))

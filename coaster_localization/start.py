@@ -65,6 +65,10 @@ def is_quiet(step: ImuStep, rest: Rest | None) -> bool:
     )
 
 
+REST_DRIFT = 0.05
+"""From its first to its second half the mean force of a rest changes by less [m/s^2]."""
+
+
 class StartPose(NamedTuple):
     """Position (3,) [m] with covariance (3, 3) and attitude (3, 3), whose heading counts."""
 
@@ -80,6 +84,9 @@ def observe_rest(samples: Sequence[ImuSample]) -> Rest | None:
     force, rate = forces.mean(axis=0), rates.mean(axis=0)
     force_std, rate_std = float(forces.std(axis=0).max()), float(rates.std(axis=0).max())
     if force_std > REST_FORCE_STD or rate_std > REST_RATE_STD:
+        return None
+    half = len(samples) // 2
+    if np.abs(forces[half:].mean(axis=0) - forces[:half].mean(axis=0)).max() > REST_DRIFT:
         return None
     if abs(np.linalg.norm(force) - GRAVITY) > 0.5 or np.linalg.norm(rate) > 0.05:
         return None
