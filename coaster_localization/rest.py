@@ -101,7 +101,7 @@ class RestWatch:
         self.smooth, self._left_s = False, math.inf
 
     def _moves(self, row: Array, quiet: bool) -> bool:
-        """Tell whether the train, seen at rest before, has gained speed since and not lost it."""
+        """Tell whether the train, seen at rest before, is pushed, or has gained speed since."""
         mean = self._mean[FORCE]
         self._gained += self._step * (row[FORCE] - mean)
         self._left_s += self._step
@@ -111,11 +111,11 @@ class RestWatch:
         if quiet and off < STEADY_MPS2 and (gained < LITTLE_MPS or not tells):
             self._gained, self._left_s, self._rolled_s = np.zeros(3), 0.0, 0.0
             return False
-        if not (tells and gained > GAINED_MPS):
-            return False
-        self._rolled_s += self._step if quiet and off < 2.0 * STEADY_MPS2 else 0.0
-        self.smooth |= self._rolled_s > SMOOTH_S
-        return True
+        pushed, gone = off > 2.0 * STEADY_MPS2, gained > GAINED_MPS
+        if tells and gone and quiet and not pushed:
+            self._rolled_s += self._step
+            self.smooth |= self._rolled_s > SMOOTH_S
+        return tells and (gone or pushed)
 
     def _learn(self, mean: Array, count: int) -> None:
         """Average over the rest so far, LEARNT_S at most; its latest second is not yet in it."""

@@ -50,6 +50,18 @@ def walk(config: Any, prefix: str = '') -> Iterator[tuple[str, dataclasses.Field
             yield name, field, value
 
 
+def begins(name: str, only: tuple[str, ...]) -> bool:
+    """
+    Return whether a setting's name is one of ``only``, lies in one of them, or begins so.
+
+    Beginnings end in ``.`` or ``_``, or are empty: ``track`` means no ``track_filter.lag_s``.
+    """
+    return any(
+        name == part or name.startswith(part if part[-1:] in ('', '.', '_') else f'{part}.')
+        for part in only
+    )
+
+
 def validate(config: T) -> T:
     """Return ``config`` itself, or raise DataError naming the first setting out of its range."""
     for name, field, value in walk(config):

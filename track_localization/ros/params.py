@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from track_localization.errors import DataError
-from track_localization.settings import override, setting, walk
+from track_localization.settings import begins, override, setting, walk
 
 T = TypeVar('T')
 
@@ -46,7 +46,7 @@ def declare_config(node: Node, config: T, only: tuple[str, ...] = ('',)) -> T:
     """
     names = []
     for name, field, default in walk(config):
-        if name.startswith(only):
+        if begins(name, only):
             config = _declare(node, config, name, field, default)
             names.append(name)
 

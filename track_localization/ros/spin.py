@@ -18,7 +18,7 @@ from rclpy.utilities import remove_ros_args
 
 from track_localization.errors import DataError
 from track_localization.ros.executor import StreamExecutor
-from track_localization.settings import walk
+from track_localization.settings import begins, walk
 
 Work = Callable[[Node, SingleThreadedExecutor], None]
 
@@ -122,7 +122,7 @@ def usage(help_text: str, settings: object | None, only: tuple[str, ...] = ('',)
     """Return the text of ``--help``: what the node does and each parameter with its default."""
     lines = [help_text.strip(), '', 'Parameters (--ros-args -p NAME:=VALUE):']
     for name, field, value in () if settings is None else walk(settings):
-        if not name.startswith(only):
+        if not begins(name, only):
             continue
         unit = f' [{field.metadata["unit"]}]' if field.metadata.get('unit') else ''
         choices = field.metadata.get('choices')

@@ -137,12 +137,26 @@ def test_matches_that_steadily_disagree_are_believed_though_none_is_refused(circ
         still = state.nav._replace(
             time_s=time_s, x=np.r_[state.nav.x[:3], np.zeros(3), state.nav.x[6:]]
         )
+        still.P[3:6, 3:6] += 0.01 * np.eye(3)
         before = state._replace(nav=still)
         state = update(before, match_at(circle, 34.0, 0.8, time_s))
         assert 9.0 < update.last_nis < 50.0 or time_s >= 12.0
     assert not update.refused
     assert len(update.relocated) == 1
     assert circle.project(state.nav.position, 34.0) == pytest.approx(34.0, abs=0.5)
+
+
+def test_a_train_that_stands_is_not_moved_by_matches_that_repeat_themselves(circle):
+    update = MatchUpdate(circle, EskfConfig(relocate_s=2.0))
+    state = state_at(circle, 30.0, 0.3)
+    nav = state.nav._replace(x=np.r_[state.nav.x[:3], np.zeros(3), state.nav.x[6:]])
+    nav.P[3:6, 3:6] = 1e-4 * np.eye(3)
+    state = state._replace(nav=nav)
+    for k in range(100):
+        state = state._replace(nav=state.nav._replace(time_s=10.0 + 0.2 * k))
+        state = update(state, match_at(circle, 34.0, 0.8, 10.0 + 0.2 * k))
+    assert not update.relocated
+    assert circle.project(state.nav.position, 30.0) == pytest.approx(30.5, abs=0.5)
 
 
 def test_a_match_off_the_gate_is_refused_then_believed(circle):

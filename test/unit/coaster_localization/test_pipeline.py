@@ -159,16 +159,16 @@ def test_a_match_older_than_the_history_is_counted(ride, line, matches):
 
 def test_bad_samples_are_counted_and_survived(ride, line):
     filter_ = CoasterEskf(ride.design, EskfConfig(), line)
-    for i in range(300):
+    for i in range(400):
         filter_.push(ride.imu.sample(i))
-    good = ride.imu.sample(300)
+    good = ride.imu.sample(400)
     zero = np.zeros(3)
     before = filter_.history.state
     for bad in (
         ImuSample(good.time_s, np.array([np.nan, 0, 0]), zero),
         ImuSample(good.time_s, zero, np.array([0, np.inf, 0])),
         ImuSample(float('nan'), zero, zero),
-        ImuSample(float(ride.imu.time_s[299]), zero, zero),
+        ImuSample(float(ride.imu.time_s[399]), zero, zero),
         ImuSample(float(ride.imu.time_s[10]), zero, zero),
         ImuSample(1.7e9, zero, zero),
     ):
@@ -257,14 +257,14 @@ def test_paper_preset_uses_every_match_with_the_fixed_covariance(ride, line, mat
 
 def test_reset_waits_for_a_start_again(ride, line):
     filter_ = CoasterEskf(ride.design, EskfConfig(), line)
-    for i in range(200):
+    for i in range(400):
         filter_.push(ride.imu.sample(i))
     assert filter_.history is not None
     filter_.reset()
     assert filter_.history is None
     assert 'waiting' in filter_.diagnostics()['status']
-    estimates = [e for i in range(200, 400) for e in filter_.push(ride.imu.sample(i))]
-    assert len(estimates) == 200
+    estimates = [e for i in range(400, 800) for e in filter_.push(ride.imu.sample(i))]
+    assert len(estimates) == 400
 
 
 @pytest.mark.parametrize('early', [-150, 0, 45, 300])
@@ -290,8 +290,8 @@ def test_a_match_far_ahead_of_the_imu_is_refused(ride, line, matches):
     filter_ = CoasterEskf(ride.design, EskfConfig(), line)
     for i in range(300):
         filter_.push(ride.imu.sample(i))
-    filter_.push(dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 31.0))
-    ahead = dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[299]) + 1.0)
+    filter_.push(dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[399]) + 31.0))
+    ahead = dataclasses.replace(matches[0], time_s=float(ride.imu.time_s[399]) + 1.0)
     for _ in range(550):
         filter_.push(ahead)
     assert filter_.rejected == {'match': {'ahead_of_imu': 1, 'too_early': 50}}

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from track_localization.errors import DataError
-from track_localization.settings import load_yaml, override, setting, validate, walk
+from track_localization.settings import begins, load_yaml, override, setting, validate, walk
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,3 +110,19 @@ def test_yaml_is_read_and_bad_files_are_named(tmp_path):
     for path in (listed, broken, tmp_path / 'none.yaml'):
         with pytest.raises(DataError, match=path.name):
             load_yaml(path)
+
+
+@pytest.mark.parametrize(
+    ('name', 'only', 'expected'),
+    [
+        ('track', ('track',), True),
+        ('track_filter.lag_s', ('track',), False),
+        ('track.file', ('track',), True),
+        ('frame_map', ('frame_',), True),
+        ('gate.nis', ('gate.',), True),
+        ('gate', ('gates',), False),
+        ('anything', ('',), True),
+    ],
+)
+def test_names_of_settings_are_chosen_by_their_beginnings(name, only, expected):
+    assert begins(name, only) == expected
