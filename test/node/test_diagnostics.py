@@ -126,6 +126,13 @@ def test_latency_is_measured_against_the_clock_given():
     assert health.report('imu', 1.0, {})[2]['latency_s'] == 0.5
 
 
+def test_the_latency_of_stamps_by_another_clock_is_not_told():
+    """A recording of years ago, replayed by the wall's clock."""
+    health = StreamHealth(now=lambda: 1.8e9)
+    health.arrived(100.0)
+    assert np.isnan(health.report('imu', 1.0, {})[2]['latency_s'])
+
+
 def test_a_reset_core_does_not_give_negative_counts():
     health = stream(10)
     health.report('imu', 1.0, {'backward_time': 5})

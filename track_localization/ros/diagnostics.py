@@ -71,6 +71,10 @@ class StampGaps:
             self._interval += 0.05 * (dt - self._interval)
 
 
+ANOTHER_CLOCK_S = 3600.0
+"""A message that seems so late, or early, is stamped by another clock: how late it is, is unknown."""
+
+
 class StreamHealth:
     """
     Counts of one sensor's messages since the start, and rates since the last report.
@@ -103,7 +107,8 @@ class StreamHealth:
         if not 0.0 < self._latest - time_s < StampGaps.LATE_S:
             self._latest = time_s
         if self._now is not None and self.received % 64 == 1:
-            self.latency_s = self._now() - time_s
+            late = self._now() - time_s
+            self.latency_s = late if abs(late) < ANOTHER_CLOCK_S else float('nan')
         if not self._since <= self._latest:
             self._since = self._latest
 
