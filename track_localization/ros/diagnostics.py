@@ -72,7 +72,7 @@ class StampGaps:
 
 
 ANOTHER_CLOCK_S = 3600.0
-"""A message that seems so late, or early, is stamped by another clock: how late it is, is unknown."""
+"""A message that seems so late, or early, is stamped by another clock; its latency is unknown."""
 
 
 class StreamHealth:
