@@ -207,7 +207,7 @@ def _gross(nominal: Rides) -> list[Goal]:
             continue
         ours = f'{share:.2%} of the ride is off by more than 10 m'
         if share > 0.0:
-            ours += f': {flagged:.0%} flagged, {covered:.0%} within 3 sigma, {either:.0%} either'
+            ours += f': {flagged:.1%} flagged, {covered:.1%} within 3 sigma, {either:.1%} either'
         met = bool(flagged >= 0.95 and covered >= 0.95) if share > 0.0 else True
         out.append(Goal(f'gross mismatches of {method}', '>= 95 % flagged, covered', ours, met))
     for method in ('eskf_live', 'eskf_smoothed'):
@@ -217,7 +217,7 @@ def _gross(nominal: Rides) -> list[Goal]:
         covered = nominal.weighted(method, 'gross_inside_3_sigma', 'gross_share')
         ours = f'{share:.2%} of the ride is off by more than 10 m'
         if share > 0.0:
-            ours += f': {covered:.0%} within 3 sigma'
+            ours += f': {covered:.1%} within 3 sigma'
         met = bool(covered >= 0.95) if share > 0.0 else True
         out.append(Goal(f'errors beyond 10 m of {method}', '>= 95 % covered', ours, met))
     return out

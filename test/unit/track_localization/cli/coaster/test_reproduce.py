@@ -119,7 +119,7 @@ def test_gross_mismatches_are_weighted_by_how_many_there_are(good):
             match__gross_flagged_or_covered=1.0,
         )
     found = goal(judged(rides), 'gross mismatches of srdtw_z')
-    assert '25% flagged, 100% within 3 sigma' in found.ours
+    assert '25.0% flagged, 100.0% within 3 sigma' in found.ours
     assert found.met is False
     line = reproduce_tables.gross_table(Rides(rides)).text().splitlines()[5]
     assert line.split() == ['srdtw_z', '0.667', '25.0', '100', '100']
