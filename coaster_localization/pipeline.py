@@ -28,6 +28,7 @@ from coaster_localization.start import (
     state_from_match,
 )
 from coaster_localization.station import Station
+from coaster_localization.zupt import standstill
 from track_localization.estimation import eskf, so3
 from track_localization.estimation.gating import Rejections
 from track_localization.estimation.history import History, Run, TooLateError
@@ -47,13 +48,6 @@ GAP_ACCEL, GAP_RATE = 15.0, 1.5
 """How a train may accelerate [m/s^2] and turn [rad/s] unseen."""
 IN_DOUBT_AFTER_S = 1.0
 """Matches beyond the gate for so long put the position in doubt, not one alone [s]."""
-ZUPT_SIGMA = 0.02
-"""Velocity at standstill [m/s]."""
-ROLLS_MPS, SURELY, ROLLED_S = 1.0, 5.0, 1.0
-"""A speed so many times its sigma is surely one; a train that rolls so long as quietly as it stands
-is one that may do so anywhere."""
-CRAWLS_MPS = 0.5
-"""A train that is slower stands."""
 
 
 class CoasterEskf:
@@ -292,7 +286,8 @@ class CoasterEskf:
             chainage = self.line.project(nav.position, state.chainage)
             state = state._replace(nav=nav, chainage=chainage)
         if measurement.quiet and step.time_s - state.last_zupt_s >= ZUPT_INTERVAL_S:
-            return self._zupt(state, step)
+            usual = float(self._usual_speed[self.line.index(state.chainage)])
+            return standstill(state, step, usual)
         return state
 
     def apply_all(
@@ -321,33 +316,6 @@ class CoasterEskf:
             q[0] += (GAP_ACCEL * dt) ** 2
             q[1] += (GAP_RATE * dt) ** 2
         return q
-
-    def _zupt(self, state: FusedState, step: ImuStep) -> FusedState:
-        """
-        Use a standstill: no velocity, and the mean rate is the gyro's bias.
-
-        A quiet chain lift looks like one to the IMU, so the filter's own speed must agree. A train
-        that was seen to roll as quietly as it stands must be known to stand, or be where it does.
-        """
-        nav = state.nav
-        state = state._replace(last_zupt_s=step.time_s)
-        sigma_v = float(np.sqrt(np.trace(nav.P[3:6, 3:6])))
-        speed = float(np.linalg.norm(nav.velocity))
-        if speed > max(ROLLS_MPS, SURELY * sigma_v):
-            return state._replace(rolled_s=state.rolled_s + ZUPT_INTERVAL_S)
-        if speed > 0.3 + 2.0 * sigma_v or sigma_v > 3.0:
-            return state
-        stops = self._usual_speed[self.line.index(state.chainage)] < CRAWLS_MPS
-        if state.rolled_s > ROLLED_S and not stops and speed + 2.0 * sigma_v > CRAWLS_MPS:
-            return state
-        if np.linalg.norm(step.w_mean - nav.gyro_bias) > 0.02:
-            return state
-        H = np.zeros((6, eskf.ERROR_STATES))
-        H[0:3, eskf.VELOCITY] = np.eye(3)
-        H[3:6, eskf.GYRO_BIAS] = np.eye(3)
-        nu = np.concatenate([-nav.velocity, step.w_mean - nav.gyro_bias])
-        R = np.diag([ZUPT_SIGMA**2] * 3 + [max(0.3 * step.w_std, 2e-4) ** 2] * 3)
-        return state._replace(nav=eskf.update(nav, nu, H, R))
 
     def _quiet(self, step: ImuStep) -> bool:
         """Whether the sensor shakes no more than it did in the station, under 1 g."""
