@@ -13,7 +13,7 @@ from coaster_localization.nodes.srdtw_matcher import SrdtwMatcherNode
 from track_localization.ros.convert import set_stamp
 
 NASTY = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e300, -1e300, 1e-300, 9.81, 5e3)
-REST, COUNT = 150, 400
+REST, COUNT = 350, 600
 
 
 def imu(i, rng) -> Imu:
