@@ -85,8 +85,8 @@ def observe_rest(samples: Sequence[ImuSample]) -> Rest | None:
     force_std, rate_std = float(forces.std(axis=0).max()), float(rates.std(axis=0).max())
     if force_std > REST_FORCE_STD or rate_std > REST_RATE_STD:
         return None
-    half = len(samples) // 2
-    if np.abs(forces[half:].mean(axis=0) - forces[:half].mean(axis=0)).max() > REST_DRIFT:
+    first, last = forces[: (len(forces) + 1) // 2], forces[len(forces) // 2 :]
+    if np.abs(last.mean(axis=0) - first.mean(axis=0)).max() > REST_DRIFT:
         return None
     if abs(np.linalg.norm(force) - GRAVITY) > 0.5 or np.linalg.norm(rate) > 0.05:
         return None

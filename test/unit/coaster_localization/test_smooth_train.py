@@ -10,8 +10,10 @@ from coaster_localization.methods import run_methods
 from coaster_localization.planned import PlannedRows
 from coaster_localization.rest import RestWatch
 from coaster_localization.sensed import measured_motion
+from coaster_localization.start import observe_rest
 from coaster_localization.ticks import FORCE, VERTICAL, WIDTH
 from coaster_localization.tracker import PACES
+from track_localization.estimation.imu import ImuSample
 from track_localization.sim.coaster import scenario, simulate_coaster
 from track_localization.track.design_ride import DesignRide
 
@@ -52,6 +54,18 @@ def test_a_train_that_stops_again_stands(rng):
     watched(watch, rows(3.0, 0.6, 1e-3, rng))
     watched(watch, rows(3.0, -0.6, 1e-3, rng))
     assert watched(watch, rows(5.0, 0.0, 1e-3, rng))[50:].all()
+
+
+@pytest.mark.parametrize(
+    ('count', 'push', 'rests'), [(1, 0.0, True), (300, 0.0, True), (300, 0.2, False)]
+)
+def test_a_rest_does_not_drift(count, push, rests):
+    """A train that is pushed harder and harder does not rest, however smoothly it is done."""
+    samples = [
+        ImuSample(0.01 * i, np.array([push * i / count, 0.0, 9.81]), np.zeros(3))
+        for i in range(count)
+    ]
+    assert (observe_rest(samples) is not None) == rests
 
 
 def test_a_smooth_ride_stands_at_its_ends_only(ride):
