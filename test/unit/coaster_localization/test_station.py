@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from coaster_localization.config import MatcherConfig
+from coaster_localization.config import EskfConfig, MatcherConfig
 from coaster_localization.online import OnlineMatcher
+from coaster_localization.pipeline import CoasterEskf
 from coaster_localization.sensed import measured_motion
+from coaster_localization.start import observe_rest
 from coaster_localization.station import Station
 from track_localization.estimation.so3 import matrix_from_rpy
 from track_localization.sim.coaster import scenario, simulate_coaster
@@ -53,6 +55,17 @@ def test_a_stream_joined_on_the_lift_is_not_taken_to_the_station(ride):
     error = [np.linalg.norm(m.position - ride.truth.position_at(m.time_s)) for m in found]
     assert np.median(error) < 2.0
     assert max(error) < 40.0  # the length of the lift: it looks alike
+
+
+def test_the_filter_does_not_level_itself_on_the_lift(ride):
+    """Without matches it waits: nothing says where it is."""
+    start = on_the_lift(ride)[0] + 6.0
+    filter_ = CoasterEskf(ride.design, EskfConfig())
+    imu = ride.imu[(ride.imu.time_s > start) & (ride.imu.time_s < start + 5.0)]
+    for i in range(len(imu)):
+        assert filter_.push(imu.sample(i)) == []
+    assert filter_.history is None
+    assert observe_rest([imu.sample(i) for i in range(300)]) is not None
 
 
 def test_a_recording_begun_on_the_lift_has_no_rest_before_the_ride(ride):
