@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 from track_localization.settings import setting
@@ -86,6 +87,21 @@ class WheelConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class StraightConfig:
+    """What is known of a railway's shape: it is straight, or it turns by a curve's radius."""
+
+    used: bool = setting(True, '', 'on a straight the course does not change')
+    mark_m: float = setting(30.0, 'm', 'chords whose directions are compared', 5.0, 1000.0)
+    greatest_radius_m: float = setting(75e3, 'm', 'what turns by less is straight', 1e3, 1e7)
+    course_sigma_deg: float = setting(0.006, 'deg', 'of a chord of a straight', 1e-4, 5.0)
+
+    @property
+    def course_sigma_rad(self) -> float:
+        """Sigma of the course [rad]."""
+        return math.radians(self.course_sigma_deg)
+
+
+@dataclasses.dataclass(frozen=True)
 class MapConfig:
     """The surveyed line, and its own error."""
 
@@ -132,5 +148,6 @@ class TrainConfig:
     alignment: AlignmentConfig = AlignmentConfig()
     gnss: GnssConfig = GnssConfig()
     wheel: WheelConfig = WheelConfig()
+    straight: StraightConfig = StraightConfig()
     map: MapConfig = MapConfig()
     paper: PaperConfig = PaperConfig()

@@ -1,10 +1,12 @@
 """
 The train's error-state filter, compiled: prediction over a stretch of IMU samples, and updates.
 
-The error state (23,) is dr, dv (east, north, up), the attitude error in the body, gyro and
+The error state (26,) is dr, dv (east, north, up), the attitude error in the body, gyro and
 accelerometer biases (15, see ``estimation.ins``), then the odometer's scale error, yaw and pitch of
-the car in the IMU's body, the fixes' slow error (3) and the map's offset to the left and upward.
-``nav`` (10,) holds the first nine, ``aux`` (14,) the others; errors are true minus estimated.
+the car in the IMU's body, the fixes' slow error (3), the map's offset to the left and upward, and
+what ``straights`` keeps: the course at the last mark, the straight's, and what is to become that
+at the next mark [rad m]. ``nav`` (10,) holds the first nine, ``aux`` (17,) the others; errors are
+true minus estimated.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ from track_localization.estimation.sequential import update
 
 Array = NDArray[np.float64]
 
-SIZE, INERTIAL, AUX = 23, 15, 14
+SIZE, INERTIAL, AUX = 26, 15, 17
 SCALE, YAW, PITCH, SLOW, MAP = 15, 16, 17, 18, 21
+COURSE, LINE, MEAN = 23, 24, 25
 """Places in the error state; those in ``aux`` are less by 9."""
 
 
@@ -74,8 +77,8 @@ def predict(
 
     Args:
         nav: (10,) navigation state.
-        aux: (14,) the other states.
-        P: (23, 23) covariance.
+        aux: (17,) the other states.
+        P: (26, 26) covariance.
         time_s: stamp of the state [s].
         stamps: (m,) of the samples [s].
         rates: (m, 3) [rad/s].

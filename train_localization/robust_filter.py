@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from track_localization import GRAVITY
 from track_localization.track.centreline import Centreline
-from train_localization import kernels, map_kernels
+from train_localization import kernels, map_kernels, straights
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
@@ -17,6 +17,7 @@ from train_localization.measurements import WheelSpeed
 from train_localization.placing import Placing
 from train_localization.standing import STILL_SIGMA_MPS, quiet
 from train_localization.state import Fix, Fused, Heard, Stretch
+from train_localization.straights import Marks
 
 Array = NDArray[np.float64]
 
@@ -75,6 +76,7 @@ class RobustFilter:
         aided: bool = True,
     ) -> None:
         self._config, self._track, self._placing, self._aided = config, track, placing, aided
+        self._by_shape = aided and config.straight.used
         imu, gnss = config.imu.of_grade(), config.gnss
         hour = math.radians(1.0) / 3600.0
         self._noise = Noise(
@@ -117,7 +119,7 @@ class RobustFilter:
         t, never = start.time_s, -math.inf
         return Fused(
             nav, aux, P, t, np.full(6, np.nan), np.zeros(3), 0.0, t, t, 3, 0, never, 0, t, t, t,
-            math.nan, math.nan, '', math.nan,
+            math.nan, Marks(), math.nan, '', math.nan,
         )  # fmt: skip
 
     def apply(self, state: Fused, heard: Heard) -> Fused:
@@ -131,11 +133,15 @@ class RobustFilter:
         return self._wheel(state, heard) if self._aided else state
 
     def predict(self, state: Fused, stretch: Stretch) -> tuple[Fused, Array]:
-        """Return the state carried over IMU samples alone, and the transition (23, 23)."""
+        """Return the state carried over IMU samples alone, and the transition (26, 26)."""
         nav, aux, P = state.nav.copy(), state.aux.copy(), state.P.copy()
         before = state.before.copy()
         if np.isnan(before[0]):
             before[:3], before[3:] = stretch.rates[0], stretch.forces[0]
+        Phi, marks = IDENTITY.copy(), state.marks
+        if self._by_shape:
+            way_m = kernels.speed_of(nav) * max(stretch.time_s - state.time_s, 0.0)
+            marks = straights.carry(nav, aux, P, marks, way_m, Phi)
         inertial = np.empty((INERTIAL, INERTIAL))
         speed = kernels.speed_of(nav)
         kernels.predict(
@@ -143,7 +149,6 @@ class RobustFilter:
             self._noise, inertial,
         )  # fmt: skip
         span = max(stretch.time_s - state.time_s, 1e-9)
-        Phi = IDENTITY.copy()
         Phi[:INERTIAL, :INERTIAL] = inertial
         Phi[SLOW : SLOW + 3, SLOW : SLOW + 3] *= math.exp(-span / self._noise.slow_s)
         gained = (kernels.speed_of(nav) - speed) / span
@@ -154,7 +159,7 @@ class RobustFilter:
             P[8, 8] += (GAP_RADPS * longest) ** 2
         state = state._replace(
             nav=nav, aux=aux, P=P, time_s=stretch.time_s, before=before,
-            w_mean=stretch.rates.mean(axis=0), gain=gained,
+            w_mean=stretch.rates.mean(axis=0), gain=gained, marks=marks,
         )  # fmt: skip
         return state, Phi
 
@@ -192,6 +197,9 @@ class RobustFilter:
         ):
             kernels.rails(nav, aux, P, wheel.side_sigma_mps**2, state.w_mean, wheel.lever_m)
             state = state._replace(railed_s=now)
+        if self._by_shape and speed > LEAST_MPS:
+            marks = straights.tell(nav, aux, P, state.marks, self._config.straight)
+            state = state._replace(marks=marks)
         return self._line(state, speed) if self._track is not None else state
 
     def _line(self, state: Fused, speed: float) -> Fused:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_localization.measurements import GnssFix, WheelSpeed
+from train_localization.straights import Marks
 
 Array = NDArray[np.float64]
 
@@ -46,8 +47,8 @@ class Fused(NamedTuple):
 
     Attributes:
         nav: (10,) see ``estimation.ins``.
-        aux: (14,) see ``kernels``.
-        P: (23, 23).
+        aux: (17,) see ``kernels``.
+        P: (26, 26).
         time_s: stamp of the last IMU sample [s].
         before: (6,) that sample's rate and force.
         w_mean: (3,) mean rate of the last step [rad/s].
@@ -62,6 +63,7 @@ class Fused(NamedTuple):
         railed_s: when the rails were last used [s].
         mapped_s: when the line was [s].
         chainage: nearest, along the line [m].
+        marks: where the train has been marked; see ``straights``.
         map_right: probability that the map is nowhere off, where it is told; else NaN.
         reason: why the newest measurement was refused; '' when it was not.
         nis: of it; NaN when it was not used.
@@ -84,6 +86,7 @@ class Fused(NamedTuple):
     railed_s: float
     mapped_s: float
     chainage: float
+    marks: Marks
     map_right: float
     reason: str
     nis: float

@@ -43,6 +43,17 @@ class Line:
 
 
 @dataclasses.dataclass(frozen=True)
+class Rails:
+    """How rails deviate from the line as set out, in long waves."""
+
+    aside_m: float = setting(0.0015, 'm', 'rms sideways', 0.0, 0.1)
+    above_m: float = setting(0.0015, 'm', 'rms upward', 0.0, 0.1)
+    cross_m: float = setting(0.001, 'm', 'rms of one rail above the other', 0.0, 0.1)
+    gauge_m: float = setting(1.5, 'm', 'distance of the rails', 0.5, 3.0)
+    wave_m: tuple[float, float] = setting((25.0, 150.0), 'm', 'lengths of waves', 5.0, 1e4)
+
+
+@dataclasses.dataclass(frozen=True)
 class Running:
     """How the train runs."""
 
@@ -209,6 +220,7 @@ class TrainSimConfig:
     """Everything that can be set on a simulated run."""
 
     line: Line = Line()
+    rails: Rails = Rails()
     motion: Running = Running()
     terrain: Terrain = Terrain()
     imu: ImuErrors = ImuErrors()

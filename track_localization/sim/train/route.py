@@ -1,7 +1,8 @@
 """
 The train on the rotating Earth: where it is, how it lies, and what an ideal IMU would feel.
 
-The line is laid on the WGS-84 ellipsoid by course, slope and cant against the local horizon, and
+The line is laid on the WGS-84 ellipsoid by course, slope and cant against the local horizon; what
+is set out straight is a geodesic, whose course against north changes with the longitude. And
 everything else follows by differentiating, never by integrating inertial quantities: this is the
 inverse of a strapdown mechanisation (Groves, Principles of GNSS, Inertial, and Multisensor
 Integrated Navigation Systems, 2nd ed., sections 2.4 and 5.4) and shares no code with one.
@@ -19,6 +20,7 @@ from scipy.interpolate import CubicHermiteSpline
 from track_localization.estimation import so3
 from track_localization.geodesy import Datum
 from track_localization.sim.train.alignment import Alignment, Angles
+from track_localization.sim.train.waves import Waves
 
 Array = NDArray[np.float64]
 
@@ -57,15 +59,18 @@ class Pose(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Route:
-    """An alignment laid on the Earth; ``start`` is the chainage that lies at the datum."""
+    """An alignment on the Earth, rails in waves; ``start`` is the chainage at the datum."""
 
     alignment: Alignment
     datum: Datum
     start: float
+    _waves: Waves | None
     _place: CubicHermiteSpline
 
     @classmethod
-    def lay(cls, alignment: Alignment, datum: Datum, start: float) -> Route:
+    def lay(
+        cls, alignment: Alignment, datum: Datum, start: float, waves: Waves | None = None
+    ) -> Route:
         """Lay an alignment so that it passes the datum at chainage ``start``."""
         count = int(np.ceil(alignment.length / STEP_M))
         grid = np.linspace(0.0, alignment.length, count + 1)
@@ -73,21 +78,32 @@ class Route:
         origin = int(np.searchsorted(grid, start))
         half = 0.5 * np.diff(grid)
         s = 0.5 * (grid[1:] + grid[:-1])[:, None] + half[:, None] * NODES
-        inner = alignment.at(s.ravel())
+        inner = _with(waves, alignment.at(s.ravel()), s.ravel())
         rise = np.sin(inner.slope).reshape(s.shape)
         height = datum.height_m + _from(origin, (rise @ WEIGHTS) * half)
-        latitude = np.full_like(grid, datum.latitude_rad)
+        latitude, turned = np.full_like(grid, datum.latitude_rad), np.zeros_like(grid)
         for _ in range(ROUNDS):
-            at = np.interp(s, grid, latitude)
-            north, east = _angles_per_metre(inner, at.ravel(), np.interp(s, grid, height).ravel())
-            way = (north.reshape(s.shape) @ WEIGHTS) * half
-            latitude = datum.latitude_rad + _from(origin, way)
-        longitude = datum.longitude_rad + _from(origin, (east.reshape(s.shape) @ WEIGHTS) * half)
-        knots = alignment.at(grid)
-        slopes = _angles_per_metre(knots, latitude, height)
-        values = np.stack([latitude, longitude, height], axis=1)
-        slope = np.stack([*slopes, np.sin(knots.slope)], axis=1)
-        return cls(alignment, datum, start, CubicHermiteSpline(grid, values, slope))
+            at, h = (np.interp(s, grid, values).ravel() for values in (latitude, height))
+            course = inner.course + np.interp(s, grid, turned).ravel()
+            rates = _angles_per_metre(inner._replace(course=course), at, h)
+            north, east, turn = (rate.reshape(s.shape) @ WEIGHTS * half for rate in rates)
+            latitude = datum.latitude_rad + _from(origin, north)
+            turned = _from(origin, turn)
+        longitude = datum.longitude_rad + _from(origin, east)
+        knots = _with(waves, alignment.at(grid), grid)
+        knots = knots._replace(course=knots.course + turned)
+        north, east, turn = _angles_per_metre(knots, latitude, height)
+        values = np.stack([latitude, longitude, height, turned], axis=1)
+        slope = np.stack([north, east, np.sin(knots.slope), turn], axis=1)
+        return cls(alignment, datum, start, waves, CubicHermiteSpline(grid, values, slope))
+
+    def angles(self, s: Array) -> Angles:
+        """Return the angles of the rails against the local horizon at chainages (N,)."""
+        angles = _with(self._waves, self.alignment.at(s), s)
+        latitude, _, height, turned = self._place(s).T
+        angles = angles._replace(course=angles.course + turned)
+        turn = _angles_per_metre(angles, latitude, height)[2]
+        return angles._replace(course_rate=angles.course_rate + turn)
 
     def place(self, s: Array) -> tuple[Array, Array, Array]:
         """Return latitude, longitude [rad] and height [m] (N,) at chainages."""
@@ -96,13 +112,13 @@ class Route:
 
     def pose(self, s: Array, speed: Array) -> Pose:
         """Return how a vehicle lies at chainages (N,), and moves at these speeds [m/s]."""
-        angles = self.alignment.at(s)
+        angles = self.angles(s)
         R = attitude_of(angles)
         return Pose(*self.place(s), speed[:, None] * R[:, :, 0], R)
 
     def inertial(self, s: Array, speed: Array, acceleration: Array) -> tuple[Array, Array]:
         """Return specific force [m/s^2] and angular rate [rad/s] (N, 3) in vehicle axes."""
-        angles = self.alignment.at(s)
+        angles = self.angles(s)
         latitude, _, height = self.place(s)
         R = attitude_of(angles)
         v = speed[:, None] * R[:, :, 0]
@@ -184,13 +200,21 @@ def _axes(latitude: Array, longitude: Array) -> Array:
     return np.stack([east, north, np.cross(east, north)], axis=2)
 
 
-def _angles_per_metre(angles: Angles, latitude: Array, height: Array) -> tuple[Array, Array]:
-    """Return how latitude and longitude change by the metre of chainage (N,) [rad/m]."""
+def _with(waves: Waves | None, angles: Angles, s: Array) -> Angles:
+    return angles if waves is None else waves.on(angles, s)
+
+
+def _angles_per_metre(angles: Angles, latitude: Array, height: Array) -> tuple[Array, Array, Array]:
+    """
+    Return how latitude, longitude and a geodesic's course change by the metre (N,) [rad/m].
+
+    That course turns as the meridians do: to the right on the way east, on the northern half.
+    """
     meridian, across = radii(latitude)
     level = np.cos(angles.slope)
     north = level * np.sin(angles.course) / (meridian + height)
     east = level * np.cos(angles.course) / ((across + height) * np.cos(latitude))
-    return north, east
+    return north, east, -east * np.sin(latitude)
 
 
 def _from(origin: int, steps: Array) -> Array:

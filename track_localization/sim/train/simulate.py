@@ -25,6 +25,7 @@ from track_localization.sim.train.run import LocalTruth, SimulatedRun, StartPose
 from track_localization.sim.train.scenarios import check
 from track_localization.sim.train.survey import survey
 from track_localization.sim.train.terrain import Cover, lay_cover, see
+from track_localization.sim.train.waves import draw_waves
 from track_localization.track.track_file import TrackFile
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 PARTS = (
     *('line', 'motion', 'terrain', 'mount', 'survey', 'phase', 'start'),
     *('imu', 'sky', 'gnss', 'slips', 'wheel', 'wheel way'),
-    *('imu faults', 'gnss faults', 'wheel faults'),
+    *('imu faults', 'gnss faults', 'wheel faults', 'rails'),
 )
 """What draws random numbers of its own."""
 
@@ -118,7 +119,7 @@ def _world(draw: dict[str, Generator], config: TrainSimConfig) -> World:
     outages = [(float(a), float(b)) for a, b in spans]
     if config.gnss.outage_s[1] > config.gnss.outage_s[0]:
         outages.append(config.gnss.outage_s)
-    route = Route.lay(alignment, datum, lead)
+    route = Route.lay(alignment, datum, lead, draw_waves(draw['rails'], config.rails))
     return World(route, motion, cover, mount, sorted(outages))
 
 

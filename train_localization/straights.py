@@ -1,0 +1,176 @@
+"""
+What a railway's shape tells the train's error state: on a straight the course does not change.
+
+Railway lines are set out as straights and curves with transitions between. That a stretch is
+straight the gyros show, for a curve turns a train a hundred times as fast as they drift; and if it
+is, their drift over it is seen and undone. Every ``mark_m`` of way the train is marked: its mean
+course since the mark before becomes a state of its own (stochastic cloning: Roumeliotis and
+Burdick, ICRA 2002), to be judged at the next mark, when it is known that the train did not begin to
+turn there. A mean, as rails are not even: it is the direction of the chord.
+
+A straight follows the Earth (a geodesic): against north it turns as the meridians do.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from track_localization.estimation.sequential import update
+from train_localization.config import StraightConfig
+from train_localization.kernels import COURSE, LINE, MEAN, SIZE, give, rotation
+
+Array = NDArray[np.float64]
+
+CONSISTENT = 9.0
+"""Greatest NIS of a course that is as it was."""
+
+
+class Marks(NamedTuple):
+    """
+    Where the train has been marked.
+
+    Attributes:
+        way_m: since the last mark [m]; infinite before the first.
+        longitude: of the last mark [rad].
+        convergence: by so much a straight has turned against north, in all [rad].
+        reference: the mean course since the last mark is told from here [rad].
+        straights: stretches between marks in a row, the last one included, that did not turn.
+        anchored: whether the course of the straight is known.
+        due: the next prediction marks the train; with 2 the straight's course is that before.
+        marked_m: way between the mark that is due and the one before [m].
+    """
+
+    way_m: float = math.inf
+    longitude: float = math.nan
+    convergence: float = 0.0
+    reference: float = 0.0
+    straights: int = 0
+    anchored: bool = False
+    due: int = 0
+    marked_m: float = math.inf
+
+
+def carry(nav: Array, aux: Array, P: Array, marks: Marks, way_m: float, Phi: Array) -> Marks:
+    """
+    Mark the train if that is due, and add ``way_m`` at its course to the mean, in place.
+
+    ``Phi`` (26, 26), the identity before, becomes the transition that this is.
+    """
+    if marks.due:
+        _mark(aux, marks.reference, marks.marked_m, marks.due == 2, Phi)
+        P[:] = Phi @ P @ Phi.T
+        marks = marks._replace(due=0, reference=float(aux[COURSE - 9]))
+    _lean(nav, aux, P, marks.reference + marks.convergence, way_m, Phi)
+    return marks._replace(way_m=marks.way_m + way_m)
+
+
+def tell(nav: Array, aux: Array, P: Array, marks: Marks, config: StraightConfig) -> Marks:
+    """Judge the last mark if the train is a mark's distance past it; update in place."""
+    longitude, way_m = float(nav[1]), marks.way_m
+    if way_m < config.mark_m:
+        return marks
+    if math.isinf(way_m):
+        return Marks(0.0, longitude, reference=course(nav, np.zeros(SIZE)), due=1)
+    east = math.remainder(longitude - marks.longitude, 2.0 * math.pi)
+    turn = most_turned(aux, P, marks.reference, way_m, config.course_sigma_rad**2)
+    straights = marks.straights + 1 if turn < way_m / config.greatest_radius_m else 0
+    anchored, due = marks.anchored and straights > 0, 1
+    if straights > 1:
+        if not anchored:
+            anchored, due = True, 2
+        elif not hold(nav, aux, P, config.course_sigma_rad**2):
+            anchored, straights = False, 0
+    return Marks(
+        way_m=0.0,
+        longitude=longitude,
+        convergence=marks.convergence - east * math.sin(nav[0]),
+        reference=marks.reference,
+        straights=straights,
+        anchored=anchored,
+        due=due,
+        marked_m=way_m,
+    )
+
+
+@njit(cache=True)
+def course(nav: Array, h: Array) -> float:
+    """Return the course of the IMU's first axis, from east to north [rad]; add its row to ``h``."""
+    R = rotation(nav)
+    level2 = R[0, 0] ** 2 + R[1, 0] ** 2
+    h[7] += (R[1, 0] * R[0, 2] - R[0, 0] * R[1, 2]) / level2
+    h[8] += (R[0, 0] * R[1, 1] - R[1, 0] * R[0, 1]) / level2
+    return math.atan2(R[1, 0], R[0, 0])
+
+
+@njit(cache=True)
+def _mark(aux: Array, reference: float, way_m: float, first: bool, F: Array) -> None:
+    """Keep the mean course, in place, and make of ``F``, I before, the transition that this is."""
+    if first:
+        aux[LINE - 9] = aux[COURSE - 9]
+        F[LINE, LINE], F[LINE, COURSE] = 0.0, 1.0
+    F[COURSE, COURSE], F[COURSE, MEAN], F[MEAN, MEAN] = 0.0, 1.0 / way_m, 0.0
+    aux[COURSE - 9] = reference + aux[MEAN - 9] / way_m
+    aux[MEAN - 9] = 0.0
+
+
+@njit(cache=True)
+def _lean(nav: Array, aux: Array, P: Array, reference: float, way_m: float, F: Array) -> None:
+    """Add a way at the course it has against ``reference`` to the mean, in place; see ``carry``."""
+    h = np.zeros(SIZE)
+    aux[MEAN - 9] += way_m * wrapped(course(nav, h) - reference)
+    added = np.zeros(SIZE)
+    for k in range(6, 9):
+        F[MEAN, k] += way_m * h[k]
+        for j in range(SIZE):
+            added[j] += way_m * h[k] * P[k, j]
+    corner = 0.0
+    for k in range(6, 9):
+        corner += way_m * h[k] * added[k]
+    for j in range(SIZE):
+        P[MEAN, j] += added[j]
+        P[j, MEAN] += added[j]
+    P[MEAN, MEAN] += corner
+
+
+@njit(cache=True)
+def most_turned(aux: Array, P: Array, reference: float, way_m: float, R: float) -> float:
+    """
+    Return by how much the mean course may have changed, 2 sigma [rad]; infinite if it is known to.
+
+    Between the stretch up to the last mark and that since, of ``way_m`` [m]. ``R`` is the variance
+    of a stretch's course about that of the straight [rad^2].
+    """
+    change = abs(wrapped(reference + aux[MEAN - 9] / way_m - aux[COURSE - 9]))
+    S = P[MEAN, MEAN] / way_m**2 - 2.0 * P[MEAN, COURSE] / way_m + P[COURSE, COURSE]
+    if not change * change <= CONSISTENT * (S + 2.0 * R):
+        return math.inf
+    return change + 2.0 * math.sqrt(max(S, 0.0))
+
+
+@njit(cache=True)
+def hold(nav: Array, aux: Array, P: Array, R: float) -> bool:
+    """
+    Tell that the course at the last mark was the straight's, variance ``R`` [rad^2], in place.
+
+    Return whether that may be: where it is unlikely nothing is done.
+    """
+    nu = -wrapped(aux[COURSE - 9] - aux[LINE - 9])
+    S = P[COURSE, COURSE] - 2.0 * P[COURSE, LINE] + P[LINE, LINE] + R
+    if not nu * nu <= CONSISTENT * S:
+        return False
+    dx, h = np.zeros(SIZE), np.zeros(SIZE)
+    h[COURSE], h[LINE] = 1.0, -1.0
+    update(P, h, R, nu, dx)
+    give(nav, aux, dx)
+    return True
+
+
+@njit(cache=True)
+def wrapped(angle: float) -> float:
+    """Return an angle within pi of zero [rad]."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
