@@ -91,8 +91,8 @@ class StraightConfig:
     """What is known of a railway's shape: it is straight, or it turns by a curve's radius."""
 
     used: bool = setting(True, '', 'on a straight the course does not change')
-    mark_m: float = setting(30.0, 'm', 'chords whose directions are compared', 5.0, 1000.0)
-    greatest_radius_m: float = setting(75e3, 'm', 'what turns by less is straight', 1e3, 1e7)
+    mark_m: float = setting(25.0, 'm', 'chords whose directions are compared', 5.0, 1000.0)
+    greatest_radius_m: float = setting(40e3, 'm', 'what turns by less is straight', 1e3, 1e7)
     course_sigma_deg: float = setting(0.006, 'deg', 'of a chord of a straight', 1e-4, 5.0)
 
     @property

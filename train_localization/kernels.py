@@ -1,11 +1,11 @@
 """
 The train's error-state filter, compiled: prediction over a stretch of IMU samples, and updates.
 
-The error state (26,) is dr, dv (east, north, up), the attitude error in the body, gyro and
+The error state (27,) is dr, dv (east, north, up), the attitude error in the body, gyro and
 accelerometer biases (15, see ``estimation.ins``), then the odometer's scale error, yaw and pitch of
 the car in the IMU's body, the fixes' slow error (3), the map's offset to the left and upward, and
 what ``straights`` keeps: the course at the last mark, the straight's, and what is to become that
-at the next mark [rad m]. ``nav`` (10,) holds the first nine, ``aux`` (17,) the others; errors are
+at the next mark [rad m]. ``nav`` (10,) holds the first nine, ``aux`` (18,) the others; errors are
 true minus estimated.
 """
 
@@ -30,9 +30,9 @@ from track_localization.estimation.sequential import update
 
 Array = NDArray[np.float64]
 
-SIZE, INERTIAL, AUX = 26, 15, 17
+SIZE, INERTIAL, AUX = 27, 15, 18
 SCALE, YAW, PITCH, SLOW, MAP = 15, 16, 17, 18, 21
-COURSE, LINE, MEAN = 23, 24, 25
+COURSE, EARLIER, LINE, MEAN = 23, 24, 25, 26
 """Places in the error state; those in ``aux`` are less by 9."""
 
 
@@ -77,8 +77,8 @@ def predict(
 
     Args:
         nav: (10,) navigation state.
-        aux: (17,) the other states.
-        P: (26, 26) covariance.
+        aux: (18,) the other states.
+        P: (27, 27) covariance.
         time_s: stamp of the state [s].
         stamps: (m,) of the samples [s].
         rates: (m, 3) [rad/s].

@@ -31,8 +31,8 @@ def line(
 
     Args:
         nav: (10,) navigation state.
-        aux: (17,) the other states.
-        P: (26, 26) covariance.
+        aux: (18,) the other states.
+        P: (27, 27) covariance.
         ahead: (3,) the line's nearest point as seen from the state [m].
         left: (3,) unit vector across the line, level.
         upward: (3,) unit vector across the line, upward.

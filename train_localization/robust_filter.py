@@ -133,7 +133,7 @@ class RobustFilter:
         return self._wheel(state, heard) if self._aided else state
 
     def predict(self, state: Fused, stretch: Stretch) -> tuple[Fused, Array]:
-        """Return the state carried over IMU samples alone, and the transition (26, 26)."""
+        """Return the state carried over IMU samples alone, and the transition (27, 27)."""
         nav, aux, P = state.nav.copy(), state.aux.copy(), state.P.copy()
         before = state.before.copy()
         if np.isnan(before[0]):

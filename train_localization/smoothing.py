@@ -98,7 +98,7 @@ def smoothed(ride: Ride, pipeline: TrainPipeline) -> list[Estimate]:
 def _smooth(
     filter_: RobustFilter, steps: list[tuple[Stretch | None, Fused]]
 ) -> tuple[list[Array], list[Array]]:
-    """Return smoothed states (27,) and covariances (26, 26) of every step."""
+    """Return smoothed states (28,) and covariances (27, 27) of every step."""
     states = [state for _, state in steps]
 
     def predict(k: int) -> tuple[Array, Array, Array]:
@@ -118,7 +118,7 @@ def _stacked(state: Fused) -> Array:
 
 @njit(cache=True)
 def box_minus(a: Array, b: Array) -> Array:
-    """Return the error (26,) of ``b`` against ``a``, states (27,): what makes a of b."""
+    """Return the error (27,) of ``b`` against ``a``, states (28,): what makes a of b."""
     error = np.empty(len(a) - 1)
     error[:3] = kernels.apart(b[:NAV], a[0], a[1], a[2])
     error[3:6] = a[3:6] - b[3:6]
@@ -130,7 +130,7 @@ def box_minus(a: Array, b: Array) -> Array:
 
 @njit(cache=True)
 def box_plus(x: Array, dx: Array) -> Array:
-    """Return a state (27,) corrected by an error (26,)."""
+    """Return a state (28,) corrected by an error (27,)."""
     out = x.copy()
     kernels.give(out[:NAV], out[NAV:], dx.copy())
     return out

@@ -47,8 +47,8 @@ class Fused(NamedTuple):
 
     Attributes:
         nav: (10,) see ``estimation.ins``.
-        aux: (17,) see ``kernels``.
-        P: (26, 26).
+        aux: (18,) see ``kernels``.
+        P: (27, 27).
         time_s: stamp of the last IMU sample [s].
         before: (6,) that sample's rate and force.
         w_mean: (3,) mean rate of the last step [rad/s].

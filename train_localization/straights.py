@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from track_localization.estimation.sequential import update
 from train_localization.config import StraightConfig
-from train_localization.kernels import COURSE, LINE, MEAN, SIZE, give, rotation
+from train_localization.kernels import COURSE, EARLIER, LINE, MEAN, SIZE, give, rotation
 
 Array = NDArray[np.float64]
 
 CONSISTENT = 9.0
 """Greatest NIS of a course that is as it was."""
+BESIDE = 2
+"""So many stretches before and behind one are straight if that one is."""
 
 
 class Marks(NamedTuple):
@@ -59,7 +61,7 @@ def carry(nav: Array, aux: Array, P: Array, marks: Marks, way_m: float, Phi: Arr
     """
     Mark the train if that is due, and add ``way_m`` at its course to the mean, in place.
 
-    ``Phi`` (26, 26), the identity before, becomes the transition that this is.
+    ``Phi`` (27, 27), the identity before, becomes the transition that this is.
     """
     if marks.due:
         _mark(aux, marks.reference, marks.marked_m, marks.due == 2, Phi)
@@ -80,7 +82,7 @@ def tell(nav: Array, aux: Array, P: Array, marks: Marks, config: StraightConfig)
     turn = most_turned(aux, P, marks.reference, way_m, config.course_sigma_rad**2)
     straights = marks.straights + 1 if turn < way_m / config.greatest_radius_m else 0
     anchored, due = marks.anchored and straights > 0, 1
-    if straights > 1:
+    if straights > 2 * BESIDE - 1:
         if not anchored:
             anchored, due = True, 2
         elif not hold(nav, aux, P, config.course_sigma_rad**2):
@@ -111,9 +113,11 @@ def course(nav: Array, h: Array) -> float:
 def _mark(aux: Array, reference: float, way_m: float, first: bool, F: Array) -> None:
     """Keep the mean course, in place, and make of ``F``, I before, the transition that this is."""
     if first:
-        aux[LINE - 9] = aux[COURSE - 9]
-        F[LINE, LINE], F[LINE, COURSE] = 0.0, 1.0
+        aux[LINE - 9] = aux[EARLIER - 9]
+        F[LINE, LINE], F[LINE, EARLIER] = 0.0, 1.0
+    F[EARLIER, EARLIER], F[EARLIER, COURSE] = 0.0, 1.0
     F[COURSE, COURSE], F[COURSE, MEAN], F[MEAN, MEAN] = 0.0, 1.0 / way_m, 0.0
+    aux[EARLIER - 9] = aux[COURSE - 9]
     aux[COURSE - 9] = reference + aux[MEAN - 9] / way_m
     aux[MEAN - 9] = 0.0
 
@@ -159,12 +163,12 @@ def hold(nav: Array, aux: Array, P: Array, R: float) -> bool:
 
     Return whether that may be: where it is unlikely nothing is done.
     """
-    nu = -wrapped(aux[COURSE - 9] - aux[LINE - 9])
-    S = P[COURSE, COURSE] - 2.0 * P[COURSE, LINE] + P[LINE, LINE] + R
+    nu = -wrapped(aux[EARLIER - 9] - aux[LINE - 9])
+    S = P[EARLIER, EARLIER] - 2.0 * P[EARLIER, LINE] + P[LINE, LINE] + R
     if not nu * nu <= CONSISTENT * S:
         return False
     dx, h = np.zeros(SIZE), np.zeros(SIZE)
-    h[COURSE], h[LINE] = 1.0, -1.0
+    h[EARLIER], h[LINE] = 1.0, -1.0
     update(P, h, R, nu, dx)
     give(nav, aux, dx)
     return True

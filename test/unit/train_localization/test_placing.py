@@ -7,6 +7,7 @@ import pymap3d
 
 from track_localization.estimation import so3
 from track_localization.geodesy import Datum
+from train_localization.kernels import SIZE
 from train_localization.placing import Placing
 
 DATUM = Datum(0.7, 2.0, 100.0)
@@ -34,7 +35,7 @@ def test_directions_turn_with_the_way_they_lead():
 
 def test_velocity_attitude_and_covariance_are_turned(rng):
     placing = Placing(DATUM)
-    root = rng.standard_normal((23, 23))
+    root = rng.standard_normal((SIZE, SIZE))
     P = root @ root.T
     position, quaternion, velocity, covariance = placing.place(NAV, P)
     turn = placing.rotation(NAV)

@@ -8,6 +8,7 @@ from track_localization.evaluation.navigation_metrics import navigation_errors
 from track_localization.geodesy import Datum, enu_from_geodetic
 from track_localization.sim.train import scenario, simulate_train
 from train_localization.config import TrainConfig
+from train_localization.kernels import AUX, SIZE
 from train_localization.methods import ROBUST, SMOOTHED, GivenStart, run_methods
 from train_localization.pipeline import TrainPipeline, with_method
 from train_localization.smoothing import Ride, box_minus, box_plus
@@ -27,21 +28,21 @@ def run():
 def state(rng):
     q = rng.standard_normal(4)
     return np.concatenate(
-        [[0.7, 2.0, 400.0], rng.normal(0.0, 30.0, 3), q / np.linalg.norm(q), rng.normal(size=14)]
+        [[0.7, 2.0, 400.0], rng.normal(0.0, 30.0, 3), q / np.linalg.norm(q), rng.normal(size=AUX)]
     )
 
 
 def test_what_is_taken_away_can_be_added(rng):
     b = state(rng)
     for size in (1e-3, 1.0):
-        dx = size * rng.standard_normal(23)
+        dx = size * rng.standard_normal(SIZE)
         # A metre moves the radii of curvature by 1e-7 of themselves.
         np.testing.assert_allclose(box_minus(box_plus(b, dx), b), dx, rtol=3e-6, atol=1e-8)
 
 
 def test_an_error_of_position_is_in_metres_east_north_up(rng):
     b = state(rng)
-    a = box_plus(b, np.array([3.0, -4.0, 5.0, *np.zeros(20)]))
+    a = box_plus(b, np.array([3.0, -4.0, 5.0, *np.zeros(SIZE - 3)]))
     moved = enu_from_geodetic(a[0], a[1], a[2], Datum(b[0], b[1], b[2]))[0]
     np.testing.assert_allclose(moved, [3.0, -4.0, 5.0], atol=1e-4)
 

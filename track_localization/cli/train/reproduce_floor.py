@@ -2,15 +2,15 @@
 What the sensors of a simulated run carry: the errors of an estimator that is told all that is true.
 
 It is told every statistic of the simulator, the correlation time and the HDOP of these fixes, which
-of them are reflections, which odometer speeds are slips, and the true trajectory, about which its
-errors are linear. Of what makes the problem harder, the odometer's pulses are left out, its scale
+of them are reflections, which odometer speeds are slips, where the line is straight, and the true
+trajectory, about which its errors are linear. Of what makes the problem harder, the odometer's pulses are left out, its scale
 (plus or minus a known figure) unless that is not to be told, and the Earth's turning. With errors
 that are linear and normal the Kalman filter and the Rauch-Tung-Striebel smoother have the least
 errors there are: at no one time has any estimator a smaller probability of being further off than
 some bound. (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
 2nd ed., ch. 3 and 14.)
 
-Nothing of an estimator is used here. The error state (29,), estimated minus true, is position,
+Nothing of an estimator is used here. The error state (30,), estimated minus true, is position,
 velocity and attitude against the horizon (east, north, up), the gyro's constant and wandering bias
 and the accelerometer's in the body (3 each), the car's yaw and pitch in it, the fixes' slow error,
 the odometer's scale, and a constant offset of the map to the left and upward.
@@ -33,13 +33,15 @@ Array = NDArray[np.float64]
 
 STEP_S = 0.5
 """Time between epochs; with 0.1 s the greatest errors are 2 to 5 % greater."""
-SIZE = 29
+SIZE = 30
 R, V, PSI, GYRO, GYRO_WANDER, ACCEL, ACCEL_WANDER = (slice(k, k + 3) for k in range(0, 21, 3))
-MOUNT, SLOW, SCALE, OFFSET = slice(21, 23), slice(23, 26), 26, slice(27, 29)
+MOUNT, SLOW, SCALE, OFFSET, LINE = slice(21, 23), slice(23, 26), 26, slice(27, 29), 29
 UNKNOWN_MPS = 1.0
 """Velocity at the start, before the first odometer speed."""
 RAILS_MPS = 1e-3
 """A simulated car leaves its rails by nothing at all; this keeps covariances regular."""
+STRAIGHT_RAD, ANY_RAD = 3e-5, 1.0
+"""A straight's course is that of the train, whatever it is; rails of 1.5 mm turn it by more."""
 KNOTS = 2.0
 """The map's error is drawn so many times in its correlation length, and smooth between."""
 GRAVITY = 9.8
@@ -173,6 +175,7 @@ def _start(config: TrainSimConfig, unknown: Unknown) -> Array:
     sigma[MOUNT] = np.radians(config.odometer.mount_deg)
     sigma[SLOW] = config.gnss.drift_m, config.gnss.drift_m, config.gnss.drift_up_m
     sigma[SCALE], sigma[OFFSET] = unknown
+    sigma[LINE] = ANY_RAD
     return np.asarray(np.diag(sigma**2))
 
 
@@ -203,7 +206,17 @@ def _transitions(run: SimulatedRun, config: TrainSimConfig, time_s: Array) -> tu
         keep = np.exp(-steps / lasting_s)[:, None, None]
         F[:, part, part] = np.eye(3) * keep
         Q[:, part, part] = np.eye(3) * (1.0 - keep**2) * np.square(sigma)
+    straight = _straight(run, time_s)
+    begins = straight[1:] & ~straight[:-1]
+    F[begins, LINE, LINE], Q[begins, LINE, LINE] = 0.0, ANY_RAD**2
     return F, Q
+
+
+def _straight(run: SimulatedRun, time_s: Array) -> NDArray[np.bool_]:
+    """Return which epochs (K,) are on a straight."""
+    s = np.interp(time_s, run.time_s, run.chainage)
+    curves = np.array(run.info['curves_m']).reshape(-1, 2)
+    return ~((s[:, None] >= curves[:, 0]) & (s[:, None] <= curves[:, 1])).any(axis=1)
 
 
 def _measurements(
@@ -231,6 +244,11 @@ def _measurements(
             H[k] = np.concatenate([H[k], beside])
             wander = np.array([told['cross_m'], told['height_m']]) ** 2 / knots[k]
             variances[k] = np.concatenate([variances[k], wander])
+    line = np.zeros((1, SIZE))
+    line[0, PSI.stop - 1], line[0, LINE] = 1.0, -1.0
+    for k in np.flatnonzero(_straight(run, time_s)):
+        H[k] = np.concatenate([H[k], line])
+        variances[k] = np.append(variances[k], STRAIGHT_RAD**2)
     for k, hdop in _fixes(run, time_s):
         fix = np.zeros((3, SIZE))
         fix[:, R], fix[:, SLOW] = np.eye(3), -hdop * np.eye(3)

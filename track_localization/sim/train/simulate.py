@@ -95,6 +95,7 @@ def simulate_train(config: TrainSimConfig | None = None, seed: int = 1) -> Simul
             'gnss': gnss_info,
             'wheel': wheel_info,
             'track': track_info,
+            'curves_m': world.route.alignment.curve.tolist(),
             'tunnels_m': world.cover.tunnel.tolist(),
             'cuttings_m': world.cover.cutting.tolist(),
             'outages_s': [list(span) for span in world.outages],
