@@ -3,17 +3,19 @@ What the sensors of a simulated run carry: the errors of an estimator that is to
 
 It is told every statistic of the simulator, the correlation time and the HDOP of these fixes, which
 of them are reflections, which odometer speeds are slips, where the line is straight, and the true
-trajectory, about which its errors are linear. Of what makes the problem harder, the odometer's pulses are left out, its scale
-(plus or minus a known figure) unless that is not to be told, and the Earth's turning. With errors
-that are linear and normal the Kalman filter and the Rauch-Tung-Striebel smoother have the least
-errors there are: at no one time has any estimator a smaller probability of being further off than
-some bound. (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems,
-2nd ed., ch. 3 and 14.)
+trajectory, about which its errors are linear. Of what makes the problem harder, the odometer's
+pulses are left out, its scale (plus or minus a known figure) unless that is not to be told, and the
+Earth's turning. With errors that are linear and normal the Kalman filter and the
+Rauch-Tung-Striebel smoother have the least errors there are: at no one time has any estimator a
+smaller probability of being further off than some bound. (Groves, Principles of GNSS, Inertial, and Multisensor Integrated
+Navigation Systems, 2nd ed., ch. 3 and 14.) That holds for what it is told: of a line's shape it
+knows no more than where it is straight.
 
 Nothing of an estimator is used here. The error state (30,), estimated minus true, is position,
 velocity and attitude against the horizon (east, north, up), the gyro's constant and wandering bias
 and the accelerometer's in the body (3 each), the car's yaw and pitch in it, the fixes' slow error,
-the odometer's scale, and a constant offset of the map to the left and upward.
+the odometer's scale, a constant offset of the map to the left and upward, and the course of the
+straight.
 """
 
 from __future__ import annotations
@@ -216,7 +218,8 @@ def _straight(run: SimulatedRun, time_s: Array) -> NDArray[np.bool_]:
     """Return which epochs (K,) are on a straight."""
     s = np.interp(time_s, run.time_s, run.chainage)
     curves = np.array(run.info['curves_m']).reshape(-1, 2)
-    return ~((s[:, None] >= curves[:, 0]) & (s[:, None] <= curves[:, 1])).any(axis=1)
+    inside = (s[:, None] >= curves[:, 0]) & (s[:, None] <= curves[:, 1])
+    return np.asarray(~inside.any(axis=1))
 
 
 def _measurements(
@@ -246,7 +249,7 @@ def _measurements(
             variances[k] = np.concatenate([variances[k], wander])
     line = np.zeros((1, SIZE))
     line[0, PSI.stop - 1], line[0, LINE] = 1.0, -1.0
-    for k in np.flatnonzero(_straight(run, time_s)):
+    for k in np.flatnonzero(_straight(run, time_s)).tolist():
         H[k] = np.concatenate([H[k], line])
         variances[k] = np.append(variances[k], STRAIGHT_RAD**2)
     for k, hdop in _fixes(run, time_s):

@@ -82,21 +82,44 @@ def test_a_lasting_error_of_fixes_is_never_averaged_away():
         assert np.sqrt(errors.P_filtered[-1, axis, axis]) == pytest.approx(expected, rel=0.02)
 
 
-def test_across_a_straight_line_the_white_noise_of_gyros_adds_up():
-    """Without fixes and with useless accelerometers, variance across is q v^2 t^3 / 3."""
-    walk = 0.2
-    run, time_s, errors = errors_of(
-        imu__angle_walk=walk, imu__velocity_walk=1e3, start__horizontal_m=1e-3,
-        gnss__outage_s=(0.0, 199.0), **{k.replace('.', '__'): v for k, v in STRAIGHT.items()},
-    )  # fmt: skip
-    k = int(np.searchsorted(time_s, 150.0))
-    density, speed = math.radians(walk) / 60.0, float(run.speed.mean())
+BLIND = {
+    'imu__angle_walk': 0.2,
+    'imu__velocity_walk': 1e3,
+    'start__horizontal_m': 1e-3,
+    'gnss__outage_s': (0.0, 199.0),
+    **{k.replace('.', '__'): v for k, v in STRAIGHT.items()},
+}
+"""Neither fixes nor accelerometers that tell anything."""
+
+
+def across(run, time_s, errors, at_s=150.0):
+    """Return sigma across the line as claimed and as drawn [m]."""
+    k = int(np.searchsorted(time_s, at_s))
     ahead = run.local.velocity[0, :2] / np.hypot(*run.local.velocity[0, :2])
     left = np.array([-ahead[1], ahead[0]])
-    across = math.sqrt(left @ errors.P_filtered[k][:2, :2] @ left)
-    assert across == pytest.approx(density * speed * math.sqrt(150.0**3 / 3.0), rel=0.02)
-    drawn = left @ errors.filtered[k, :2]
-    assert np.std(drawn) == pytest.approx(across, rel=0.15)
+    claimed = math.sqrt(left @ errors.P_filtered[k][:2, :2] @ left)
+    return claimed, np.std(left @ errors.filtered[k, :2])
+
+
+def test_across_an_unknown_line_the_white_noise_of_gyros_adds_up(monkeypatch):
+    """Where nobody says that the line is straight, variance across is q v^2 t^3 / 3."""
+    monkeypatch.setattr(
+        reproduce_floor, '_straight', lambda _, time_s: np.zeros(len(time_s), dtype=bool)
+    )
+    run, time_s, errors = errors_of(**BLIND)
+    density, speed = math.radians(BLIND['imu__angle_walk']) / 60.0, float(run.speed.mean())
+    claimed, drawn = across(run, time_s, errors)
+    assert claimed == pytest.approx(density * speed * math.sqrt(150.0**3 / 3.0), rel=0.02)
+    assert drawn == pytest.approx(claimed, rel=0.15)
+
+
+def test_across_a_straight_line_it_does_not():
+    """What is left is the course at the start, 0.05 deg, over the way."""
+    run, time_s, errors = errors_of(**BLIND, start__yaw_deg=0.05, line__straight_m=(2e4, 2e4))
+    way_m = float(np.interp(150.0, run.time_s - run.time_s[0], run.chainage) - run.chainage[0])
+    claimed, drawn = across(run, time_s, errors)
+    assert claimed == pytest.approx(math.radians(0.05) * way_m, rel=0.05)
+    assert drawn == pytest.approx(claimed, rel=0.15)
 
 
 def test_draws_are_what_their_covariance_says():
