@@ -8,8 +8,8 @@ pulses are left out, its scale (plus or minus a known figure) unless that is not
 Earth's turning. With errors that are linear and normal the Kalman filter and the
 Rauch-Tung-Striebel smoother have the least errors there are: at no one time has any estimator a
 smaller probability of being further off than some bound. (Groves, Principles of GNSS, Inertial, and
-Multisensor Integrated Navigation Systems, 2nd ed., ch. 3 and 14.) That holds for what it is told: of a line's shape it
-knows no more than where it is straight.
+Multisensor Integrated Navigation Systems, 2nd ed., ch. 3 and 14.) That holds for what it is told:
+of a line's shape it knows no more than where it is straight.
 
 Nothing of an estimator is used here. The error state (30,), estimated minus true, is position,
 velocity and attitude against the horizon (east, north, up), the gyro's constant and wandering bias
