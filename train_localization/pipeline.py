@@ -91,7 +91,7 @@ class TrainPipeline:
         self._late = 0
         self.mode = ALIGNING
         self._latest: Estimate | None = None
-        self._map_right = math.nan
+        self._told: Fused | None = None
 
     def _align(self) -> None:
         """Begin to look for the attitude."""
@@ -191,7 +191,7 @@ class TrainPipeline:
             self._align()
             self.mode = ALIGNING
             return []
-        self._latest, self.mode, self._map_right = estimate, estimate.mode, told.map_right
+        self._latest, self.mode, self._told = estimate, estimate.mode, told
         return [estimate]
 
     def _begin(self, heard: Stretch | Fix | WheelSpeed) -> list[Estimate]:
@@ -310,8 +310,10 @@ class TrainPipeline:
             newest = self._latest.time_s
             for sensor, heard_s in self._heard_s.items():
                 out[f'health.{sensor}'] = 'ok' if newest - heard_s < SILENT_S else 'silent'
-        if math.isfinite(self._map_right):
-            out['map_right'] = round(self._map_right, 3)
+        if self._told is not None:
+            out['on_straight'] = 'yes' if self._told.marks.anchored else 'no'
+            if math.isfinite(self._told.map_right):
+                out['map_right'] = round(self._told.map_right, 3)
         out |= {f'nis.{sensor}': round(nis, 3) for sensor, nis in self._nis.items()}
         out['late'] = self._late
         return out

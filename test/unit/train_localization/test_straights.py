@@ -7,15 +7,18 @@ import math
 import numpy as np
 import pytest
 
+from track_localization.cli.train.reproduce_runs import measurements
 from track_localization.estimation import so3
 from track_localization.estimation.earth import earth_rate, gravity, transport_rate
 from track_localization.estimation.ins import inject
 from track_localization.settings import override
+from track_localization.sim.train import scenario, simulate_train
 from train_localization import straights
 from train_localization.alignment import start_at
 from train_localization.config import StraightConfig, TrainConfig
 from train_localization.kernels import AUX, COURSE, EARLIER, LINE, MEAN, SIZE, apart, moved
 from train_localization.measurements import WheelSpeed
+from train_localization.pipeline import TrainPipeline
 from train_localization.robust_filter import RobustFilter
 from train_localization.state import Stretch
 from train_localization.straights import Marks
@@ -192,3 +195,39 @@ def test_marks_wait_for_their_distance(state):
     nav, aux, P = state
     marks = Marks(way_m=24.0, reference=0.8)
     assert straights.tell(nav, aux, P, marks, StraightConfig()) is marks
+
+
+def judged(seed, settings):
+    """Return true chainage (N,) at the estimates of a run, whether told straight, and curves."""
+    run = simulate_train(override(scenario('paper'), settings), seed)
+    pipeline = TrainPipeline(TrainConfig(), None, run.datum)
+    start = run.start
+    pipeline.set_start(start.time_s, start.position, start.quaternion, start.covariance)
+    told = []
+    for measurement in measurements(run):
+        for estimate in pipeline.push(measurement):
+            told.append((estimate.time_s, pipeline.diagnostics()['on_straight'] == 'yes'))
+    time_s, straight = np.array(told).T
+    chainage = np.interp(time_s, run.time_s, run.chainage)
+    return chainage, straight > 0.5, np.array(run.info['curves_m']).reshape(-1, 2)
+
+
+@pytest.mark.parametrize('seed', [3, 4, 5])
+@pytest.mark.parametrize('grade', ['industrial', 'mems'])
+def test_straights_of_a_simulated_line_are_found_and_curves_are_not_taken_for_them(seed, grade):
+    """
+    Five chords of 25 m must lie in line; a curve is noticed within 120 m, and chords judged till then
+    end 50 m before.
+
+    After the first kilometre, in which a MEMS gyro is not known well enough to tell.
+    """
+    chainage, told, curves = judged(seed, {'imu.grade': grade})
+    later = chainage > 1500.0
+    inside = np.zeros(len(chainage), dtype=bool)
+    beside = np.zeros(len(chainage), dtype=bool)
+    for begin, end in curves:
+        inside |= (chainage > begin + 120.0) & (chainage < end)
+        beside |= (chainage > begin) & (chainage < end + 150.0)
+    assert not told[inside].any()
+    assert (~beside & later).sum() > 100
+    assert told[~beside & later].mean() > 0.8
