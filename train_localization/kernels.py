@@ -4,9 +4,9 @@ The train's error-state filter, compiled: prediction over a stretch of IMU sampl
 The error state (27,) is dr, dv (east, north, up), the attitude error in the body, gyro and
 accelerometer biases (15, see ``estimation.ins``), then the odometer's scale error, yaw and pitch of
 the car in the IMU's body, the fixes' slow error (3), the map's offset to the left and upward, and
-what ``straights`` keeps: the course at the last mark, the straight's, and what is to become that
-at the next mark [rad m]. ``nav`` (10,) holds the first nine, ``aux`` (18,) the others; errors are
-true minus estimated.
+what ``straights`` keeps: the mean courses of the last two chords, the straight's, and what is to
+become that of the next chord [rad m]. ``nav`` (10,) holds the first nine, ``aux`` (18,) the others;
+errors are true minus estimated.
 """
 
 from __future__ import annotations

@@ -91,7 +91,6 @@ class TrainPipeline:
         self._late = 0
         self.mode = ALIGNING
         self._latest: Estimate | None = None
-        self._told: Fused | None = None
 
     def _align(self) -> None:
         """Begin to look for the attitude."""
@@ -100,6 +99,7 @@ class TrainPipeline:
         self._gathering = Gathering(self._config.gnss, self._config.epoch_s, ahead_s)
         self._history: History[Any, Any] | None = None
         self._filter: Any = None
+        self._told: Fused | None = None
 
     @property
     def rejected(self) -> dict[str, dict[str, int]]:
@@ -311,7 +311,8 @@ class TrainPipeline:
             for sensor, heard_s in self._heard_s.items():
                 out[f'health.{sensor}'] = 'ok' if newest - heard_s < SILENT_S else 'silent'
         if self._told is not None:
-            out['on_straight'] = 'yes' if self._told.marks.anchored else 'no'
+            if math.isfinite(self._told.marks.way_m):
+                out['on_straight'] = 'yes' if self._told.marks.anchored else 'no'
             if math.isfinite(self._told.map_right):
                 out['map_right'] = round(self._told.map_right, 3)
         out |= {f'nis.{sensor}': round(nis, 3) for sensor, nis in self._nis.items()}

@@ -141,7 +141,8 @@ class RobustFilter:
         Phi, marks = IDENTITY.copy(), state.marks
         if self._by_shape:
             way_m = kernels.speed_of(nav) * max(stretch.time_s - state.time_s, 0.0)
-            marks = straights.carry(nav, aux, P, marks, way_m, Phi)
+            R = self._config.straight.course_sigma_rad**2
+            marks = straights.carry(nav, aux, P, marks, way_m, R, Phi)
         inertial = np.empty((INERTIAL, INERTIAL))
         speed = kernels.speed_of(nav)
         kernels.predict(

@@ -5,8 +5,8 @@ Railway lines are set out as straights and curves with transitions between. That
 straight the gyros show, for a curve turns a train a hundred times as fast as they drift; and if it
 is, their drift over it is seen and undone. Every ``mark_m`` of way the train is marked: its mean
 course since the mark before becomes a state of its own (stochastic cloning: Roumeliotis and
-Burdick, ICRA 2002), to be judged at the next mark, when it is known that the train did not begin to
-turn there. A mean, as rails are not even: it is the direction of the chord.
+Burdick, ICRA 2002), to be judged two marks later, when it is known that the train was not about to
+turn. A mean, as rails are not even: it is the direction of the chord.
 
 A straight follows the Earth (a geodesic): against north it turns as the meridians do.
 """
@@ -29,7 +29,13 @@ Array = NDArray[np.float64]
 CONSISTENT = 9.0
 """Greatest NIS of a course that is as it was."""
 BESIDE = 2
-"""So many stretches before and behind one are straight if that one is."""
+"""So many chords before and behind one lie in line with it if it is one of a straight."""
+REFUTED = 20
+"""
+Where a straight turns out to be none without a turn, its chords before have been held wrongly: so
+many more must lie in line before it is believed again.
+"""
+NOTHING, NEXT, FIRST = 0, 1, 2
 
 
 class Marks(NamedTuple):
@@ -41,9 +47,9 @@ class Marks(NamedTuple):
         longitude: of the last mark [rad].
         convergence: by so much a straight has turned against north, in all [rad].
         reference: the mean course since the last mark is told from here [rad].
-        straights: stretches between marks in a row, the last one included, that did not turn.
+        straights: chords in a row, the last one included, in line with the one before.
         anchored: whether the course of the straight is known.
-        due: the next prediction marks the train; with 2 the straight's course is that before.
+        due: what the next prediction does: nothing, mark the train, or begin a straight as well.
         marked_m: way between the mark that is due and the one before [m].
     """
 
@@ -53,40 +59,44 @@ class Marks(NamedTuple):
     reference: float = 0.0
     straights: int = 0
     anchored: bool = False
-    due: int = 0
+    due: int = NOTHING
     marked_m: float = math.inf
 
 
-def carry(nav: Array, aux: Array, P: Array, marks: Marks, way_m: float, Phi: Array) -> Marks:
+def carry(
+    nav: Array, aux: Array, P: Array, marks: Marks, way_m: float, R: float, Phi: Array
+) -> Marks:
     """
     Mark the train if that is due, and add ``way_m`` at its course to the mean, in place.
 
-    ``Phi`` (27, 27), the identity before, becomes the transition that this is.
+    ``R`` is the variance of a chord's course about that of the straight [rad^2]. ``Phi`` (27, 27),
+    the identity before, becomes the transition that this is.
     """
     if marks.due:
-        _mark(aux, marks.reference, marks.marked_m, marks.due == 2, Phi)
+        _mark(aux, marks.reference, marks.marked_m, marks.due == FIRST, Phi)
         P[:] = Phi @ P @ Phi.T
-        marks = marks._replace(due=0, reference=float(aux[COURSE - 9]))
+        P[LINE, LINE] += R if marks.due == FIRST else 0.0
+        marks = marks._replace(due=NOTHING, reference=float(aux[COURSE - 9]))
     _lean(nav, aux, P, marks.reference + marks.convergence, way_m, Phi)
     return marks._replace(way_m=marks.way_m + way_m)
 
 
 def tell(nav: Array, aux: Array, P: Array, marks: Marks, config: StraightConfig) -> Marks:
-    """Judge the last mark if the train is a mark's distance past it; update in place."""
+    """Judge the chord before the last if the train is due for a mark; update in place."""
     longitude, way_m = float(nav[1]), marks.way_m
     if way_m < config.mark_m:
         return marks
     if math.isinf(way_m):
-        return Marks(0.0, longitude, reference=course(nav, np.zeros(SIZE)), due=1)
+        return Marks(0.0, longitude, reference=course(nav, np.zeros(SIZE)), straights=-1, due=NEXT)
     east = math.remainder(longitude - marks.longitude, 2.0 * math.pi)
     turn = most_turned(aux, P, marks.reference, way_m, config.course_sigma_rad**2)
     straights = marks.straights + 1 if turn < way_m / config.greatest_radius_m else 0
-    anchored, due = marks.anchored and straights > 0, 1
+    anchored, due = marks.anchored and straights > 0, NEXT
     if straights > 2 * BESIDE - 1:
         if not anchored:
-            anchored, due = True, 2
+            anchored, due = True, FIRST
         elif not hold(nav, aux, P, config.course_sigma_rad**2):
-            anchored, straights = False, 0
+            anchored, straights = False, -REFUTED
     return Marks(
         way_m=0.0,
         longitude=longitude,
@@ -159,7 +169,7 @@ def most_turned(aux: Array, P: Array, reference: float, way_m: float, R: float) 
 @njit(cache=True)
 def hold(nav: Array, aux: Array, P: Array, R: float) -> bool:
     """
-    Tell that the course at the last mark was the straight's, variance ``R`` [rad^2], in place.
+    Tell that the course before the last mark was the straight's, variance ``R`` [rad^2], in place.
 
     Return whether that may be: where it is unlikely nothing is done.
     """

@@ -52,18 +52,23 @@ def test_the_course_and_its_row(state):
     np.testing.assert_allclose(h, slopes, atol=1e-7)
 
 
+R = 0.3
+
+
 def carried(nav, aux, P, marks, way_m):
     nav, aux, P, Phi = nav.copy(), aux.copy(), P.copy(), np.eye(SIZE)
-    return aux, P, Phi, straights.carry(nav, aux, P, marks, way_m, Phi)
+    return aux, P, Phi, straights.carry(nav, aux, P, marks, way_m, R, Phi)
 
 
 @pytest.mark.parametrize('due', [0, 1, 2])
 def test_marking_is_the_transition_that_it_says(state, due):
-    """Nominal states by finite differences of the errors put in, the covariance by F P F'."""
+    """Nominal states by finite differences of the errors put in, the covariance by F P F' + Q."""
     nav, aux, P = state
     marks = Marks(way_m=20.0, reference=0.79, convergence=0.002, due=due, marked_m=25.0)
     plain, covariance, Phi, after = carried(nav, aux, P, marks, 5.0)
-    np.testing.assert_allclose(covariance, Phi @ P @ Phi.T, rtol=1e-12, atol=1e-12)
+    Q = np.zeros((SIZE, SIZE))
+    Q[LINE, LINE] = R if due == 2 else 0.0
+    np.testing.assert_allclose(covariance, Phi @ P @ Phi.T + Q, rtol=1e-12, atol=1e-12)
     for k in range(SIZE):
         dx, there = np.zeros(SIZE), nav.copy()
         dx[k] = STEP
@@ -85,7 +90,7 @@ def test_marking_is_the_transition_that_it_says(state, due):
 
 def test_a_straight_that_fits_is_held_as_the_textbook_says(state):
     nav, aux, P = state
-    R, h = 0.3, np.zeros(SIZE)
+    h = np.zeros(SIZE)
     h[EARLIER], h[LINE] = 1.0, -1.0
     K = P @ h / (h @ P @ h + R)
     dx = -K * (aux[EARLIER - 9] - aux[LINE - 9])
@@ -100,7 +105,6 @@ def test_a_straight_that_fits_is_held_as_the_textbook_says(state):
 
 def test_a_line_that_turned_is_not_held(state):
     nav, aux, P = state
-    aux[EARLIER - 9] = aux[LINE - 9] + 10.0 * math.sqrt(P[LINE, LINE] + P[EARLIER, EARLIER] + 1.0)
     aux[EARLIER - 9] = 3.0
     told = nav.copy(), aux.copy(), 1e-3 * P
     assert not straights.hold(*told, 1e-6)
@@ -191,6 +195,25 @@ def test_a_straight_is_a_geodesic(course):
     assert off_m < 0.5
 
 
+def test_a_long_bow_is_believed_no_second_time():
+    """A radius of 100 km is that of no curve: once refused, twenty chords must lie in line."""
+    drifted, _ = drive(60.0, PLAIN, radius_m=100e3)
+    assert abs(drifted.aux[2]) < 12.0 * DPH
+    assert not drifted.marks.anchored
+
+
+def test_the_first_mark_makes_no_chord(state):
+    """Nothing is known of the way before it; what gathered in the mean till then is forgotten."""
+    nav, aux, P = state
+    marks = straights.tell(nav, aux, P, Marks(), StraightConfig())
+    assert marks.straights == -1
+    after, covariance, _, then = carried(nav, aux, P, marks, 5.0)
+    assert then.way_m == 5.0
+    assert after[COURSE - 9] == pytest.approx(0.8)
+    assert after[MEAN - 9] == pytest.approx(0.0, abs=1e-9)
+    assert np.isfinite(covariance).all()
+
+
 def test_marks_wait_for_their_distance(state):
     nav, aux, P = state
     marks = Marks(way_m=24.0, reference=0.8)
@@ -216,8 +239,8 @@ def judged(seed, settings):
 @pytest.mark.parametrize('grade', ['industrial', 'mems'])
 def test_straights_of_a_simulated_line_are_found_and_curves_are_not_taken_for_them(seed, grade):
     """
-    Five chords of 25 m must lie in line; a curve is noticed within 120 m, and chords judged till then
-    end 50 m before.
+    Five chords of 25 m must lie in line; a curve is noticed within 120 m, and chords judged till
+    then end 50 m before.
 
     After the first kilometre, in which a MEMS gyro is not known well enough to tell.
     """

@@ -42,8 +42,8 @@ UNKNOWN_MPS = 1.0
 """Velocity at the start, before the first odometer speed."""
 RAILS_MPS = 1e-3
 """A simulated car leaves its rails by nothing at all; this keeps covariances regular."""
-STRAIGHT_RAD, ANY_RAD = 3e-5, 1.0
-"""A straight's course is that of the train, whatever it is; rails of 1.5 mm turn it by more."""
+STRAIGHT_RAD, ANY_RAD = 1e-5, 1.0
+"""A straight's course is that of the train, whatever it is; uneven rails turn a train by more."""
 KNOTS = 2.0
 """The map's error is drawn so many times in its correlation length, and smooth between."""
 GRAVITY = 9.8
