@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ def read_start(path: str | Path, topic: str) -> tuple[float, Array, Array, Array
         p, q = pose.position, pose.orientation
         position, quaternion = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
         covariance = np.array(message.pose.covariance, dtype=np.float64).reshape(6, 6)
-        norm = float(np.linalg.norm(quaternion))
+        norm = math.hypot(*quaternion)
         if not abs(norm - 1.0) < 0.01:
             raise DataError(f'{path}: the quaternion of {name} has the length {norm:g}, not 1')
         if not (np.isfinite(covariance).all() and (np.diag(covariance) > 0.0).all()):
