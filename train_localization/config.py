@@ -121,8 +121,9 @@ class PaperConfig:
     The paper's SINS/DR filter.
 
     The paper says neither how the odometer's scale and the car's heading come to be known before
-    an outage, nor what becomes of bad fixes: ``compares``, ``way_sigma_m``, ``height`` and ``gate``
-    are this package's answer. With the first off, the third on and a great gate nothing is added.
+    an outage, nor what becomes of bad fixes: ``compares``, ``way_sigma_m``, ``gyro_times``,
+    ``height`` and ``gate`` are this package's answer. With ``compares`` off, ``height`` on,
+    ``gyro_times`` 1 and a great gate nothing is added.
     """
 
     fading: bool = setting(True, '', 'its adaptive fading factor, eq. (6)')
@@ -132,6 +133,7 @@ class PaperConfig:
     scale_sigma: float = setting(0.002, '', "of the odometer's scale", 0.0, 0.5)
     compares: bool = setting(True, '', 'p_SINS with p_DR from fix to fix, too, not in outages only')
     way_sigma_m: float = setting(0.2, 'm', 'of p_SINS - p_DR from fix to fix', 1e-4, 100.0)
+    gyro_times: float = setting(3.0, '', 'of its noise and walk: so much a gyro counts', 0.1, 100.0)
     height: bool = setting(False, '', 'p_SINS with p_DR in height, too, not in the plane only')
     gate: float = setting(16.0, '', 'NIS above which a fix, or a way from it, is refused', 1.0, 1e9)
     recover_after: int = setting(8, '', 'fixes refused in a row: the filter is wrong', 1, 10000)

@@ -16,10 +16,13 @@ What the paper leaves open, and settings decide:
 - They are compared in the plane, in which the paper tells its errors. In height the mounting's
   pitch would have to be a tilt against gravity, which the accelerometers deny.
 - A fix that does not fit is left out, unless too many follow each other.
+- Gyros count for less than they are worth. What the states lack, such as a slow error of the fixes
+  and the IMU's mounting, would otherwise be believed to be the way's heading for too long.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -108,13 +111,22 @@ def greatest_nis(P: Array, ahead: Array, R: Array, other: int, axes: int) -> flo
     return worst
 
 
+def _doubted(config: TrainConfig) -> TrainConfig:
+    """Return the settings with gyros that count for so much less."""
+    imu, times = config.imu.of_grade(), config.paper.gyro_times
+    imu = dataclasses.replace(
+        imu, gyro_noise=times * imu.gyro_noise, gyro_bias_walk=times * imu.gyro_bias_walk
+    )
+    return dataclasses.replace(config, imu=imu)
+
+
 class PaperFilter:
     """Takes what is known from measurement to measurement; see ``RobustFilter``."""
 
     def __init__(self, config: TrainConfig) -> None:
         self._config = config
         # What carries the inertial states over a stretch is the same.
-        self._inertial = RobustFilter(config, aided=False)
+        self._inertial = RobustFilter(_doubted(config), aided=False)
 
     def start(self, start: Start) -> Fused:
         """Return what is known at a start; ``aux`` is biases, dead-reckoned lead, scale, V."""

@@ -11,7 +11,7 @@ from track_localization.estimation import so3
 from track_localization.estimation.earth import curvature_radii, gravity
 from train_localization import paper_filter
 from train_localization.alignment import start_at
-from train_localization.config import PaperConfig, TrainConfig
+from train_localization.config import ImuConfig, PaperConfig, TrainConfig
 from train_localization.kernels import moved
 from train_localization.measurements import GnssFix, WheelSpeed
 from train_localization.paper_filter import PaperFilter
@@ -156,3 +156,19 @@ def test_dead_reckoning_goes_on_from_the_last_odometer_reading():
         state = filter_.apply(state, heard)
     # Forces of a moving Earth, 1e-2 m/s^2, are all that differs.
     assert np.abs(state.aux[6:9]).max() < 0.01
+
+
+@pytest.mark.parametrize('times', [1.0, 3.0])
+def test_gyros_count_for_so_many_times_their_noise_and_walk(times):
+    """0.5 deg/sqrt(h) and 0.2 deg/h/sqrt(s) over 36 s without anything but the IMU."""
+    imu = ImuConfig('mems', gyro_noise=0.5, gyro_bias_sigma=1e-3, gyro_bias_walk=0.2)
+    filter_ = PaperFilter(TrainConfig(imu=imu, paper=PaperConfig(gyro_times=times)))
+    upright = so3.matrix_from_rpy(0.0, 0.0, NORTH)
+    start = start_at(0.0, np.array([LATITUDE, 0.3, 0.0]), upright, np.eye(6) * 1e-12, V, 0.1)
+    state = filter_.start(start)
+    for k in range(360):
+        state = filter_.apply(state, north(0.1 * k, [0.1 * k + 0.05, 0.1 * k + 0.1]))
+    walked, noise = (times * 0.2) ** 2 * 36.0, (times * 0.5) ** 2 * 36.0 / 3600.0
+    yaw, bias = np.degrees(np.sqrt(np.diag(state.P)[[8, 11]]))
+    assert bias * 3600.0 == pytest.approx(math.sqrt(walked), rel=1e-3)
+    assert yaw == pytest.approx(math.sqrt(noise + walked * 36.0**2 / 3.0 / 3600.0**2), rel=0.01)
