@@ -23,6 +23,10 @@ LEVEL_OVER_S = 1.0
 """Gravity is averaged over so long under way [s]."""
 STILL_RATE, STILL_FORCE = 0.01, 0.1
 """A train whose IMU varies less stands, 1 sigma over the rest [rad/s], [m/s^2]."""
+STANDS_WITHIN_M = 1.5
+"""Fixes of a train that stands are no further apart, where no odometer tells [m]."""
+HEARD_S = 1.5
+"""What was heard longer ago tells nothing of now [s]."""
 LEAST_MPS = 0.1
 """Between fixes that tell a course, a train is no slower than this [m/s]."""
 YAW_LEAST_DEG = 0.3
@@ -165,7 +169,7 @@ class Alignment:
         apart = np.hypot(*(way - straight)[:, :2].T).max()
         if apart > AGREE_M + claimed + AGREE_SHARE * distance:
             return False
-        if self._speed is None or abs(times[-1] - self._speed.time_s) > 1.5:
+        if self._speed is None or abs(times[-1] - self._speed.time_s) > HEARD_S:
             return True
         if abs(self._gain) > GREATEST_MPS2:
             return False
@@ -179,9 +183,8 @@ class Alignment:
             return
         rates = np.array([s.angular_rate for s in self._resting])
         forces = np.array([s.specific_force for s in self._resting])
-        standing = self._speed is None or abs(self._speed.speed) < 0.05
         if (
-            standing
+            self._stands(sample.time_s)
             and rates.std(axis=0).max() < STILL_RATE
             and forces.std(axis=0).max() < STILL_FORCE
         ):
@@ -189,6 +192,18 @@ class Alignment:
         else:
             self._rests = 0
         self._resting = [sample]
+
+    def _stands(self, now: float) -> bool:
+        """Whether the odometer says so, or the fixes of late where there is none."""
+        if self._speed is not None and now - self._speed.time_s < HEARD_S:
+            return abs(self._speed.speed) < 0.05
+        late = [fix for fix in self._fixes if fix.time_s > now - LONGEST_S]
+        if len(late) < FEW or now - late[-1].time_s > HEARD_S:
+            return False
+        datum = Datum(late[0].latitude, late[0].longitude, late[0].height)
+        places = np.array([[f.latitude, f.longitude, f.height] for f in late])
+        way = enu_from_geodetic(places[:, 0], places[:, 1], places[:, 2], datum)
+        return bool(np.hypot(*way[:, :2].T).max() < STANDS_WITHIN_M)
 
     def _have_rested(self, rate: Array, force: Array) -> None:
         """Take means over a rest; those of rests that follow one another are one longer rest."""
@@ -224,7 +239,7 @@ class Alignment:
         course = self._course(way)
         elapsed = times[-1] - times[0]
         speed = distance / elapsed
-        if self._speed is not None and fix.time_s - self._speed.time_s < 1.5:
+        if self._speed is not None and fix.time_s - self._speed.time_s < HEARD_S:
             speed = self._speed.speed
         forces = np.mean([s.specific_force for s in self._samples], axis=0)
         rates = np.mean([s.angular_rate for s in self._samples], axis=0) - self._rest_rate

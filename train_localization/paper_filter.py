@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from track_localization import GRAVITY
 from track_localization.estimation.sequential import innovation, update
-from train_localization import kernels
+from train_localization import gaps, kernels
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.measurements import WheelSpeed
@@ -149,6 +149,11 @@ class PaperFilter:
         )
         if isinstance(heard, Stretch):
             return self._stretch(state, heard)
+        if heard.time_s - state.time_s > gaps.GAP_S:
+            if isinstance(heard, WheelSpeed):
+                state = state._replace(wheel_s=heard.time_s)
+            self._set_dead_reckoning(state)
+            return state._replace(reason=gaps.IMU_SILENT)
         if isinstance(heard, Fix):
             return self._fix(state, heard)
         return self._wheel(state, heard)

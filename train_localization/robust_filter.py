@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from track_localization import GRAVITY
 from track_localization.track.centreline import Centreline
-from train_localization import kernels, map_kernels, straights
+from train_localization import gaps, kernels, map_kernels, straights
 from train_localization.alignment import Start
 from train_localization.config import TrainConfig
 from train_localization.kernels import AUX, INERTIAL, MAP, PITCH, SCALE, SIZE, SLOW, YAW, Noise
@@ -53,10 +53,6 @@ a second, are taken to err alike. Under an open sky HDOP changes by less.
 """
 MAP_GATE = 25.0
 ANY = 1e300
-GAP_S, GAP_MPS2, GAP_RADPS = 0.25, 0.5, 0.03
-"""What a train may do unseen while the IMU is silent for longer, 1 sigma."""
-
-
 IDENTITY = np.eye(SIZE)
 
 
@@ -128,6 +124,8 @@ class RobustFilter:
         state = state._replace(nav=nav, aux=aux, P=P, reason='', nis=math.nan)
         if isinstance(heard, Stretch):
             return self._stretch(state, heard)
+        if heard.time_s - state.time_s > gaps.GAP_S:
+            return state._replace(reason=gaps.IMU_SILENT)
         if isinstance(heard, Fix):
             return self._fix(state, heard)
         return self._wheel(state, heard) if self._aided else state
@@ -154,10 +152,8 @@ class RobustFilter:
         Phi[SLOW : SLOW + 3, SLOW : SLOW + 3] *= math.exp(-span / self._noise.slow_s)
         gained = (kernels.speed_of(nav) - speed) / span
         longest = kernels.longest_gap(state.time_s, stretch.stamps)
-        if longest > GAP_S:
-            P[:3, :3] += np.eye(3) * (0.5 * GAP_MPS2 * longest**2) ** 2
-            P[3:6, 3:6] += np.eye(3) * (GAP_MPS2 * longest) ** 2
-            P[8, 8] += (GAP_RADPS * longest) ** 2
+        if longest > gaps.GAP_S:
+            gaps.unseen(P, nav, longest)
         state = state._replace(
             nav=nav, aux=aux, P=P, time_s=stretch.time_s, before=before,
             w_mean=stretch.rates.mean(axis=0), gain=gained, marks=marks,

@@ -61,3 +61,38 @@ def test_gyro_biases_at_rest_are_what_the_earth_does_not_explain(rng):
     start, _ = leave(rng)
     assert start.rested
     np.testing.assert_allclose(start.gyro_bias, BIAS, atol=1e-5)
+
+
+def roll(speed, until_s):
+    """Return an alignment without an odometer, on a train that turns smoothly at a speed [m/s]."""
+    found, turn = Alignment(AlignmentConfig()), 5e-3 if speed else 0.0
+    for k in range(int(until_s * 100)):
+        t, heading = 0.01 * k, turn * 0.01 * k
+        rate = so3.matrix_from_rpy(0.0, 0.0, heading).T @ EARTH + [0.0, 0.0, turn] + BIAS
+        found.imu(ImuSample(t, np.array([0.0, speed * turn, GRAVITY]), rate))
+        if k % 100 == 50:
+            way = speed * t * np.array([math.cos(0.5 * heading), math.sin(0.5 * heading), 0.0])
+            lat, lon, h = geodetic_from_enu(way, DATUM)[0]
+            found.gnss(GnssFix(t, lat, lon, h, 2.25 * np.eye(3)))
+    return found
+
+
+def test_a_train_that_runs_smoothly_does_not_stand_where_no_odometer_tells():
+    """Its turn of 1000 deg/h would be taken for a drift."""
+    start = roll(10.0, 6.0).start
+    assert start is not None
+    assert not start.rested
+    np.testing.assert_array_equal(start.gyro_bias, np.zeros(3))
+
+
+def test_fixes_tell_of_a_rest_where_no_odometer_does():
+    found = roll(0.0, 8.0)
+    for k in range(800, 1400):
+        t = 0.01 * k
+        found.imu(ImuSample(t, np.array([0.0, 0.0, GRAVITY + 0.5 * (k % 2)]), EARTH + BIAS))
+        if k % 100 == 50:
+            lat, lon, h = geodetic_from_enu([20.0 * (t - 8.0), 0.0, 0.0], DATUM)[0]
+            found.gnss(GnssFix(t, lat, lon, h, 2.25 * np.eye(3)))
+    assert found.start is not None
+    assert found.start.rested
+    np.testing.assert_allclose(found.start.gyro_bias, BIAS, atol=1e-6)
