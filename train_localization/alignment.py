@@ -15,6 +15,7 @@ from track_localization.estimation.earth import EARTH_RATE
 from track_localization.estimation.imu import ImuSample
 from track_localization.geodesy import Datum, enu_from_geodetic
 from train_localization.config import AlignmentConfig
+from train_localization.kernels import moved
 from train_localization.measurements import GnssFix, WheelSpeed
 
 Array = NDArray[np.float64]
@@ -97,8 +98,10 @@ def start_at(
 class Alignment:
     """Listens until the attitude is known; then ``start`` is set."""
 
-    def __init__(self, config: AlignmentConfig) -> None:
+    def __init__(self, config: AlignmentConfig, lever: Array | None = None) -> None:
+        """Make it; ``lever`` (3,) is the antenna as seen from the IMU, ahead, left, up [m]."""
         self._config = config
+        self._lever = np.zeros(3) if lever is None else lever
         self._samples: deque[ImuSample] = deque()
         self._resting: list[ImuSample] = []
         self._rest_rate, self._rest_force, self._rests = np.zeros(3), np.zeros(3), 0
@@ -260,10 +263,10 @@ class Alignment:
                 *(tilt, pitching, yaw_sigma),
             ]
         )
-        geodetic = np.array([fix.latitude, fix.longitude, fix.height])
+        antenna = np.array([fix.latitude, fix.longitude, fix.height])
         return Start(
             fix.time_s,
-            geodetic,
+            moved(antenna, -R @ self._lever),
             velocity,
             so3.quat_from_matrix(R),
             np.diag(sigma**2),

@@ -6,6 +6,9 @@ import dataclasses
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from track_localization.settings import setting
 
 METHODS = ('robust', 'robust_map', 'paper', 'ins')
@@ -68,6 +71,14 @@ class GnssConfig:
     gate: float = setting(25.0, '', 'NIS above which it is refused', 1.0, 1e6)
     recover_after: int = setting(8, '', 'refused in a row: the filter is wrong', 1, 10000)
     untold_sigma_m: float = setting(1.5, 'm', 'of a fix without covariance, at HDOP 1', 0.01, 1e4)
+    ahead_m: float = setting(0.0, 'm', 'antenna ahead of the IMU', -500.0, 500.0)
+    left_m: float = setting(0.0, 'm', 'antenna to the left of the IMU', -500.0, 500.0)
+    up_m: float = setting(0.0, 'm', 'antenna above the IMU', -500.0, 500.0)
+
+    @property
+    def lever(self) -> NDArray[np.float64]:
+        """The antenna as seen from the IMU, (3,) ahead, left, up [m]."""
+        return np.array([self.ahead_m, self.left_m, self.up_m])
 
 
 @dataclasses.dataclass(frozen=True)

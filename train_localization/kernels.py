@@ -196,30 +196,49 @@ def moved(geodetic: Array, way: Array) -> Array:
 
 
 @njit(cache=True)
+def antenna(nav: Array, lever: Array) -> tuple[Array, Array]:
+    """Return where (3,) what is at ``lever`` (3,) in the body is from it; its rows by attitude."""
+    R, H = rotation(nav), np.empty((3, 3))
+    x, y, z = lever[0], lever[1], lever[2]
+    for k in range(3):
+        H[k, 0] = R[k, 2] * y - R[k, 1] * z
+        H[k, 1] = R[k, 0] * z - R[k, 2] * x
+        H[k, 2] = R[k, 1] * x - R[k, 0] * y
+    return R @ lever, H
+
+
+@njit(cache=True)
 def fix(
-    nav: Array, aux: Array, P: Array, ahead: Array, R: Array, axes: int, huber: float, gate: float
+    nav: Array,
+    aux: Array,
+    P: Array,
+    ahead: Array,
+    turned: Array,
+    R: Array,
+    axes: int,
+    huber: float,
+    gate: float,
 ) -> float:
     """
-    Update with a fix ``ahead`` (3,) of the state [m], white variances ``R`` (3,), in place.
+    Update with a fix ``ahead`` (3,) of the antenna [m], white variances ``R`` (3,), in place.
 
-    Of the first ``axes`` axes. Return the greatest NIS of an axis; above ``gate`` nothing was done,
+    Of the first ``axes`` axes; ``turned`` (3, 3) is how the attitude moves the antenna. Return the greatest NIS of an axis; above ``gate`` nothing was done,
     above ``huber`` it counts as if its innovation were expected to be as much greater (Huber).
     """
     n = P.shape[0]
     worst = 0.0
-    expected = np.zeros(3)
+    expected, H = np.zeros(3), np.zeros((3, n))
     for k in range(axes):
-        j = SLOW + k
-        expected[k] = P[k, k] + 2.0 * P[k, j] + P[j, j] + R[k]
-        worst = max(worst, (ahead[k] - aux[j - 9]) ** 2 / expected[k])
+        H[k, k], H[k, SLOW + k] = 1.0, 1.0
+        H[k, 6:9] = turned[k]
+        expected[k] = H[k] @ P @ H[k] + R[k]
+        worst = max(worst, (ahead[k] - aux[SLOW + k - 9]) ** 2 / expected[k])
     if worst > gate:
         return worst
     more = max(worst / huber, 1.0) - 1.0
-    dx, h = np.zeros(n), np.zeros(n)
+    dx = np.zeros(n)
     for k in range(axes):
-        h[:] = 0.0
-        h[k], h[SLOW + k] = 1.0, 1.0
-        update(P, h, R[k] + more * expected[k], ahead[k] - aux[SLOW + k - 9], dx)
+        update(P, H[k], R[k] + more * expected[k], ahead[k] - aux[SLOW + k - 9], dx)
     give(nav, aux, dx)
     return worst
 

@@ -175,7 +175,8 @@ class PaperFilter:
             return state._replace(axes=0)
         fix, nav = heard.gnss, state.nav
         ahead = kernels.apart(nav, fix.latitude, fix.longitude, fix.height)
-        ahead -= nav[3:6] * (fix.time_s - state.time_s)
+        lever, _ = kernels.antenna(nav, self._config.gnss.lever)
+        ahead -= nav[3:6] * (fix.time_s - state.time_s) + lever
         R = np.maximum(np.diag(fix.covariance), self._config.paper.gnss_sigma_m**2)
         paper, again = self._config.paper, state.refused_fixes >= self._config.paper.recover_after
         settling = again or fix.time_s - state.began_s < SETTLING_S

@@ -94,7 +94,7 @@ class TrainPipeline:
 
     def _align(self) -> None:
         """Begin to look for the attitude."""
-        self._alignment = Alignment(self._config.alignment)
+        self._alignment = Alignment(self._config.alignment, self._config.gnss.lever)
         ahead_s = max(-self._config.wheel.delay_s, 0.0)
         self._gathering = Gathering(self._config.gnss, self._config.epoch_s, ahead_s)
         self._history: History[Any, Any] | None = None

@@ -230,7 +230,8 @@ class RobustFilter:
             return state
         nav, aux, P = state.nav, state.aux, state.P
         ahead = kernels.apart(nav, fix.latitude, fix.longitude, fix.height)
-        ahead -= nav[3:6] * (fix.time_s - state.time_s)
+        lever, turned = kernels.antenna(nav, gnss.lever)
+        ahead -= nav[3:6] * (fix.time_s - state.time_s) + lever
         claimed = np.sqrt(np.maximum(np.diag(fix.covariance), 0.0))
         R = np.maximum(gnss.white_share * claimed, gnss.least_sigma_m) ** 2
         slow = np.array([gnss.slow_sigma_m, gnss.slow_sigma_m, gnss.slow_sigma_up_m])
@@ -244,7 +245,7 @@ class RobustFilter:
             state = state._replace(began_s=fix.time_s, refused_wheel=0)
             settling = True
         huber, gate = (gnss.gate, ANY) if settling else (gnss.huber, gnss.gate)
-        nis = kernels.fix(nav, aux, P, ahead, R, heard.axes, huber, gate)
+        nis = kernels.fix(nav, aux, P, ahead, turned, R, heard.axes, huber, gate)
         if nis > gnss.gate and not settling:
             return state._replace(refused_fixes=state.refused_fixes + 1, reason='gate', nis=nis)
         return state._replace(refused_fixes=0, fixed_s=fix.time_s, axes=heard.axes, nis=nis)

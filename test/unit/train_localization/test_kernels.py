@@ -106,16 +106,32 @@ def test_rails_forbid_motion_across_the_car(state, lever):
     assert_same((nav, aux, P), expected)
 
 
+NOTHING = np.zeros((3, 3))
+
+
+def test_an_antenna_moves_as_the_attitude_turns(state):
+    """Its place, and the rows by central differences."""
+    nav, aux, _ = state
+    lever = np.array([5.0, -0.5, 3.0])
+    way, rows = kernels.antenna(nav, lever)
+    np.testing.assert_allclose(way, so3.matrix_from_quat(nav[6:]) @ lever)
+    for k in range(3):
+        slopes = jacobian(lambda n, _, k=k: kernels.antenna(n, lever)[0][k], nav, aux)
+        np.testing.assert_allclose(rows[k], slopes[6:9], atol=1e-5)
+
+
 def test_fix_corrects_position_and_slow_error_together(state):
     nav, aux, P = state
     ahead, R = np.array([0.4, -0.3, 0.2]), np.array([0.1, 0.2, 0.3])
+    turned = np.arange(9.0).reshape(3, 3)
     rows = []
     for k in range(3):
         h = np.zeros(SIZE)
         h[k] = h[SLOW + k] = 1.0
+        h[6:9] = turned[k]
         rows.append((h, R[k], ahead[k] - aux[SLOW + k - 9]))
     expected = dense(nav, aux, P, rows)
-    kernels.fix(nav, aux, P, ahead, R, 3, 1e9, 1e9)
+    kernels.fix(nav, aux, P, ahead, turned, R, 3, 1e9, 1e9)
     assert_same((nav, aux, P), expected)
 
 
@@ -129,7 +145,8 @@ def test_a_fix_far_off_weighs_less_or_nothing(state, known, sigmas, weight):
     north, R = nav[0], 0.5
     expected = 2.0 * known + R
     ahead = np.array([0.0, sigmas * np.sqrt(expected), 0.0])
-    assert kernels.fix(nav, aux, P, ahead, np.full(3, R), 2, 6.6, 25.0) == pytest.approx(sigmas**2)
+    nis = kernels.fix(nav, aux, P, ahead, NOTHING, np.full(3, R), 2, 6.6, 25.0)
+    assert nis == pytest.approx(sigmas**2)
     correction = (nav[0] - north) * 6.36e6
     assert correction == pytest.approx(weight * known / expected * ahead[1], rel=0.01)
 
@@ -138,7 +155,7 @@ def test_three_satellites_correct_the_plane_only(state):
     nav, aux, P = state
     P[:] = np.diag(np.full(SIZE, 0.25))
     height = nav[2]
-    kernels.fix(nav, aux, P, np.array([0.5, 0.5, 5.0]), np.full(3, 0.5), 2, 6.6, 25.0)
+    kernels.fix(nav, aux, P, np.array([0.5, 0.5, 5.0]), NOTHING, np.full(3, 0.5), 2, 6.6, 25.0)
     assert nav[2] == height
 
 
