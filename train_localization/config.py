@@ -116,8 +116,9 @@ class StraightConfig:
 class MapConfig:
     """The surveyed line, and its own error."""
 
-    offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the whole map', 0.0, 100.0)
-    right_sigma_m: float = setting(0.05, 'm', 'of it, where the map is right', 1e-3, 10.0)
+    offset_sigma_m: float = setting(2.0, 'm', 'of a constant offset of the map, aside', 0.0, 100.0)
+    offset_sigma_up_m: float = setting(2.0, 'm', 'of one of its heights', 0.0, 100.0)
+    right_sigma_m: float = setting(0.05, 'm', 'of it aside, where the map is right', 1e-3, 10.0)
     right_share: float = setting(0.95, '', 'of maps that are right, before fixes tell', 0.0, 1.0)
     local_sigma_m: float = setting(0.3, 'm', 'of its wander, across', 0.01, 100.0)
     height_sigma_m: float = setting(0.15, 'm', 'of its wander, upward', 0.01, 100.0)

@@ -65,33 +65,27 @@ def line(
 @njit(cache=True)
 def weigh_map(nav: Array, aux: Array, P: Array, wide: float, narrow: float, share: float) -> float:
     """
-    Weigh a map that is nowhere off against one that is, in place; return the first's probability.
+    Weigh a map that is not beside its line against one that is, in place; return how probable.
 
-    The state takes the map's offset for anything within a variance ``wide`` [m^2]. Of maps a
-    ``share`` is within ``narrow`` [m^2], and what is known of this one's offset tells how probable
-    that is. State and covariance become the moments of the two cases together.
+    The state takes the map's offset to the left for anything within a variance ``wide`` [m^2]. Of
+    maps a ``share`` is within ``narrow`` [m^2], and what is known of this one's offset tells how
+    probable that is. State and covariance become the moments of the two cases together. Of its
+    height nothing is weighed: fixes know too little of heights to speak against it.
     """
     if not narrow < wide:
         return 0.0
     n = P.shape[0]
     # The narrow density over the wide one is that of measuring no offset, with variance R.
     R = 1.0 / (1.0 / narrow - 1.0 / wide)
-    a, b, c = P[MAP, MAP] + R, P[MAP, MAP + 1], P[MAP + 1, MAP + 1] + R
-    x, y = aux[MAP - 9], aux[MAP - 8]
-    determinant = a * c - b * b
-    if not determinant > 0.0:
-        return 0.0
-    nis = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
-    odds = wide / narrow * R / math.sqrt(determinant) * math.exp(-0.5 * nis)
+    S, off = P[MAP, MAP] + R, aux[MAP - 9]
+    odds = math.sqrt(wide / narrow * R / S) * math.exp(-0.5 * off * off / S)
     if not share * odds > 0.0:
         return 0.0
     right = share * odds / (share * odds + 1.0 - share)
     dx, h = np.zeros(n), np.zeros(n)
     told = P.copy()
-    for k in range(2):
-        h[:] = 0.0
-        h[MAP + k] = 1.0
-        update(told, h, R, -aux[MAP + k - 9], dx)
+    h[MAP] = 1.0
+    update(told, h, R, -off, dx)
     for i in range(n):
         for j in range(n):
             mixed = right * told[i, j] + (1.0 - right) * P[i, j]

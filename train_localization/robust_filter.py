@@ -105,7 +105,7 @@ class RobustFilter:
             math.radians(wheel.mounting_sigma_deg),
         )
         sigma[SLOW : SLOW + 2], sigma[SLOW + 2] = gnss.slow_sigma_m, gnss.slow_sigma_up_m
-        sigma[MAP : MAP + 2] = line.offset_sigma_m
+        sigma[MAP : MAP + 2] = line.offset_sigma_m, line.offset_sigma_up_m
         P = np.diag(sigma**2)
         P[:9, :9] = start.covariance
         aux = np.zeros(AUX)

@@ -190,7 +190,7 @@ def test_a_standing_train_tells_its_gyro_biases(state):
 
 
 def test_a_map_is_weighed_as_the_mixture_of_its_two_priors(state, rng):
-    """Against drawing: offsets of both kinds, weighted by what the filter has seen of them."""
+    """Against drawing: offsets to the left of both kinds, weighted by what the filter has seen."""
     nav, aux, P = state
     root = np.zeros((SIZE, SIZE))
     used = [0, MAP, MAP + 1]
@@ -201,8 +201,8 @@ def test_a_map_is_weighed_as_the_mixture_of_its_two_priors(state, rng):
     aux[MAP - 9 : MAP - 7] = seen
     north, wide, narrow, share = nav.copy(), 4.0, 0.04, 0.9
     drawn = rng.multivariate_normal(np.zeros(3), P[np.ix_(used, used)], 400_000)
-    squared = ((drawn[:, 1:] + seen) ** 2).sum(axis=1)
-    ratio = wide / narrow * np.exp(-0.5 * squared * (1.0 / narrow - 1.0 / wide))
+    squared = (drawn[:, 1] + seen[0]) ** 2
+    ratio = np.sqrt(wide / narrow) * np.exp(-0.5 * squared * (1.0 / narrow - 1.0 / wide))
     weight = share * ratio + 1.0 - share
     expected = share * ratio.mean() / weight.mean()
     mean = (drawn * weight[:, None]).sum(axis=0) / weight.sum()
