@@ -24,8 +24,8 @@ LEVEL_OVER_S = 1.0
 """Gravity is averaged over so long under way [s]."""
 STILL_RATE, STILL_FORCE = 0.01, 0.1
 """A train whose IMU varies less stands, 1 sigma over the rest [rad/s], [m/s^2]."""
-STANDS_WITHIN_M = 1.5
-"""Fixes of a train that stands are no further apart, where no odometer tells [m]."""
+STANDS_FOR_S, STANDS_WITHIN_M = 5.0, 1.5
+"""Fixes of so long tell of a rest where no odometer does, if no further apart [s], [m]."""
 HEARD_S = 1.5
 """What was heard longer ago tells nothing of now [s]."""
 LEAST_MPS = 0.1
@@ -203,10 +203,13 @@ class Alignment:
         late = [fix for fix in self._fixes if fix.time_s > now - LONGEST_S]
         if len(late) < FEW or now - late[-1].time_s > HEARD_S:
             return False
+        if late[-1].time_s - late[0].time_s < STANDS_FOR_S:
+            return False
+        claimed = math.sqrt(float(np.trace(late[-1].covariance[:2, :2])))
         datum = Datum(late[0].latitude, late[0].longitude, late[0].height)
         places = np.array([[f.latitude, f.longitude, f.height] for f in late])
         way = enu_from_geodetic(places[:, 0], places[:, 1], places[:, 2], datum)
-        return bool(np.hypot(*way[:, :2].T).max() < STANDS_WITHIN_M)
+        return bool(np.hypot(*way[:, :2].T).max() < max(claimed, STANDS_WITHIN_M))
 
     def _have_rested(self, rate: Array, force: Array) -> None:
         """Take means over a rest; those of rests that follow one another are one longer rest."""

@@ -12,21 +12,51 @@ from train_localization import kernels
 
 Array = NDArray[np.float64]
 
-GAP_S = 0.25
-"""An IMU that is silent for longer leaves something unseen [s]."""
+LEAST_S, LATE_S, SAMPLES = 0.25, 0.15, 2.5
+"""
+A gap is at least so long, longer by so much than a step of the filter, behind which a late message
+is taken, and as long as so many samples [s], [s], [].
+"""
+AGAIN_S = 4.0
+"""After a longer one the filter begins anew [s]: too much is unseen for small corrections."""
 GAP_MPS2, GAP_RADPS = 0.3, (0.014, 0.002, 0.011)
 """So much a train's pull and its roll, pitch and yaw rates walk in a second, 1 sigma."""
 IMU_SILENT = 'imu_silent'
-"""Why nothing is made of what was measured in such a time: where the train is then is not known."""
+"""Why nothing is made of what was measured in a gap: where the train was then is not known."""
+
+
+def shortest(epoch_s: float) -> float:
+    """Return how long the IMU is silent in a gap [s], before anything was heard of its rate."""
+    return max(LEAST_S, epoch_s + LATE_S)
+
+
+def adapted(gap_s: float, epoch_s: float, stamps: Array, time_s: float) -> float:
+    """
+    Return how long the IMU is silent in a gap [s], as its rate shows.
+
+    Args:
+        gap_s: the same before.
+        epoch_s: of a filter's step [s].
+        stamps: (m,) of new samples [s].
+        time_s: of the sample before them [s].
+    """
+    usual = SAMPLES * (float(stamps[-1]) - time_s) / len(stamps)
+    slower = gap_s + 0.1 * (min(usual, 2.0 * gap_s) - gap_s)
+    return max(slower, shortest(epoch_s))
 
 
 def unseen(P: Array, nav: Array, gap_s: float) -> None:
     """
-    Add what happened while the IMU was silent, in place.
+    Add to P what happened while the IMU was silent for ``gap_s``, in place.
 
     Rates were heard before and after; what a walk between them may add to the line between them has
-    the variance of an integrated Brownian bridge, T^3 / 12. Where the train turned its velocity
-    turned with it: were it told apart from the heading, rails would turn the heading.
+    the variance of an integrated Brownian bridge, T^3 / 12. Where the train turned, its velocity
+    turned with it: uncorrelated, a speed across the rails would later be undone by a false turn.
+
+    Args:
+        P: (n, n) covariance, n >= 9, after the gap.
+        nav: (10,) navigation state, after it.
+        gap_s: how long the IMU was silent [s].
     """
     R, between = kernels.rotation(nav), math.sqrt(gap_s**3 / 12.0)
     G = np.zeros((9, 4))

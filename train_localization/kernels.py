@@ -222,8 +222,9 @@ def fix(
     """
     Update with a fix ``ahead`` (3,) of the antenna [m], white variances ``R`` (3,), in place.
 
-    Of the first ``axes`` axes; ``turned`` (3, 3) is how the attitude moves the antenna. Return the greatest NIS of an axis; above ``gate`` nothing was done,
-    above ``huber`` it counts as if its innovation were expected to be as much greater (Huber).
+    Of the first ``axes`` axes; ``turned`` (3, 3) is how the attitude moves the antenna. Return the
+    greatest NIS of an axis; above ``gate`` nothing was done, above ``huber`` it counts as if its
+    innovation were expected to be as much greater (Huber).
     """
     n = P.shape[0]
     worst = 0.0

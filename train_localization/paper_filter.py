@@ -149,13 +149,13 @@ class PaperFilter:
         )
         if isinstance(heard, Stretch):
             return self._stretch(state, heard)
-        if heard.time_s - state.time_s > gaps.GAP_S:
-            if isinstance(heard, WheelSpeed):
-                state = state._replace(wheel_s=heard.time_s)
-            self._set_dead_reckoning(state)
-            return state._replace(reason=gaps.IMU_SILENT)
+        silent = heard.time_s - state.time_s > state.gap_s
         if isinstance(heard, Fix):
+            if silent and heard.axes:
+                return state._replace(reason=gaps.IMU_SILENT)
             return self._fix(state, heard)
+        if silent:
+            return state._replace(wheel_s=heard.time_s, reason=gaps.IMU_SILENT)
         return self._wheel(state, heard)
 
     def told(self, state: Fused) -> Fused:
@@ -165,7 +165,11 @@ class PaperFilter:
     def _stretch(self, state: Fused, stretch: Stretch) -> Fused:
         before = state.nav[3:6].copy()
         span = stretch.time_s - state.time_s
+        gap = kernels.longest_gap(state.time_s, stretch.stamps) > state.gap_s
         state, _ = self._inertial.predict(state, stretch)
+        if gap:
+            self._set_dead_reckoning(state)  # what was unseen it has not reckoned
+            return state
         # The dead-reckoned position stays where it was, and so falls behind the navigated one.
         state.aux[6:9] -= 0.5 * (before + state.nav[3:6]) * span
         return state

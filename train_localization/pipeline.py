@@ -17,7 +17,7 @@ from track_localization.estimation.imu import ImuSample
 from track_localization.estimation.stamps import Stamps
 from track_localization.geodesy import Datum
 from track_localization.track.centreline import Centreline
-from train_localization import kernels
+from train_localization import gaps, kernels
 from train_localization.alignment import Alignment, Start, start_at
 from train_localization.config import TrainConfig
 from train_localization.estimate import Estimate
@@ -141,8 +141,10 @@ class TrainPipeline:
         if reason is not None:
             self._rejections.add(sensor, reason)
             return []
+        before_s = self._heard_s.get(sensor, measurement.time_s)
         self._heard_s[sensor] = measurement.time_s
-        if self._stamps.gap_s > 0.0 or self._stamps.restarted:
+        gone = sensor == IMU and measurement.time_s - before_s > gaps.AGAIN_S
+        if gone or self._stamps.gap_s > 0.0 or self._stamps.restarted:
             self._align()
             self.mode = ALIGNING
         if isinstance(measurement, GnssFix) and self._placing is None:

@@ -114,8 +114,8 @@ class RobustFilter:
         nav = np.concatenate([start.geodetic, start.velocity, start.quaternion])
         t, never = start.time_s, -math.inf
         return Fused(
-            nav, aux, P, t, np.full(6, np.nan), np.zeros(3), 0.0, t, t, 3, 0, never, 0, t, t, t,
-            math.nan, Marks(), math.nan, '', math.nan,
+            nav, aux, P, t, np.full(6, np.nan), gaps.shortest(self._config.epoch_s), np.zeros(3),
+            0.0, t, t, 3, 0, never, 0, t, t, t, math.nan, Marks(), math.nan, '', math.nan,
         )  # fmt: skip
 
     def apply(self, state: Fused, heard: Heard) -> Fused:
@@ -124,11 +124,18 @@ class RobustFilter:
         state = state._replace(nav=nav, aux=aux, P=P, reason='', nis=math.nan)
         if isinstance(heard, Stretch):
             return self._stretch(state, heard)
-        if heard.time_s - state.time_s > gaps.GAP_S:
-            return state._replace(reason=gaps.IMU_SILENT)
+        silent = heard.time_s - state.time_s > state.gap_s
         if isinstance(heard, Fix):
+            if silent and heard.axes:
+                return state._replace(reason=gaps.IMU_SILENT)
             return self._fix(state, heard)
-        return self._wheel(state, heard) if self._aided else state
+        if not self._aided:
+            return state
+        turned = abs(heard.speed) > STILL_MPS
+        state = state._replace(
+            wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
+        )
+        return state._replace(reason=gaps.IMU_SILENT) if silent else self._wheel(state, heard)
 
     def predict(self, state: Fused, stretch: Stretch) -> tuple[Fused, Array]:
         """Return the state carried over IMU samples alone, and the transition (27, 27)."""
@@ -137,7 +144,10 @@ class RobustFilter:
         if np.isnan(before[0]):
             before[:3], before[3:] = stretch.rates[0], stretch.forces[0]
         Phi, marks = IDENTITY.copy(), state.marks
-        if self._by_shape:
+        longest = kernels.longest_gap(state.time_s, stretch.stamps)
+        if longest > state.gap_s:
+            marks = Marks()  # of a chord that nobody saw
+        elif self._by_shape:
             way_m = kernels.speed_of(nav) * max(stretch.time_s - state.time_s, 0.0)
             R = self._config.straight.course_sigma_rad**2
             marks = straights.carry(nav, aux, P, marks, way_m, R, Phi)
@@ -151,11 +161,13 @@ class RobustFilter:
         Phi[:INERTIAL, :INERTIAL] = inertial
         Phi[SLOW : SLOW + 3, SLOW : SLOW + 3] *= math.exp(-span / self._noise.slow_s)
         gained = (kernels.speed_of(nav) - speed) / span
-        longest = kernels.longest_gap(state.time_s, stretch.stamps)
-        if longest > gaps.GAP_S:
+        if longest > state.gap_s:
             gaps.unseen(P, nav, longest)
         state = state._replace(
             nav=nav, aux=aux, P=P, time_s=stretch.time_s, before=before,
+            gap_s=gaps.adapted(
+                state.gap_s, self._config.epoch_s, stretch.stamps, state.time_s
+            ),
             w_mean=stretch.rates.mean(axis=0), gain=gained, marks=marks,
         )  # fmt: skip
         return state, Phi
@@ -266,10 +278,6 @@ class RobustFilter:
     def _wheel(self, state: Fused, heard: WheelSpeed) -> Fused:
         wheel = self._config.wheel
         nav, aux, P = state.nav, state.aux, state.P
-        turned = abs(heard.speed) > STILL_MPS
-        state = state._replace(
-            wheel_s=heard.time_s, moved_s=heard.time_s if turned else state.moved_s
-        )
         gained = state.gain * (state.time_s - heard.time_s + max(wheel.delay_s, 0.0))
         R = max(wheel.sigma_mps**2, heard.variance)
         settling = state.time_s - state.began_s < SETTLING_S

@@ -51,6 +51,7 @@ class Fused(NamedTuple):
         P: (27, 27).
         time_s: stamp of the last IMU sample [s].
         before: (6,) that sample's rate and force.
+        gap_s: an IMU that is silent for longer leaves something unseen; see ``gaps``.
         w_mean: (3,) mean rate of the last step [rad/s].
         gain: forward acceleration over the last step [m/s^2].
         began_s: when the filter started [s].
@@ -74,6 +75,7 @@ class Fused(NamedTuple):
     P: Array
     time_s: float
     before: Array
+    gap_s: float
     w_mean: Array
     gain: float
     began_s: float

@@ -85,6 +85,28 @@ def test_a_train_that_runs_smoothly_does_not_stand_where_no_odometer_tells():
     np.testing.assert_array_equal(start.gyro_bias, np.zeros(3))
 
 
+@pytest.mark.parametrize('speed', [0.5, 3.0])
+def test_fixes_of_a_moment_tell_of_no_rest(speed):
+    """Ten a second, from 1.7 s on: three are heard before the first 2 s are over."""
+    found, turn = Alignment(AlignmentConfig()), 8e-3
+    for k in range(450):
+        t = 0.01 * k
+        found.imu(
+            ImuSample(t, np.array([0.0, speed * turn, GRAVITY]), np.array([0.0, 0.0, turn]) + BIAS)
+        )
+        if k >= 170 and k % 10 == 0:
+            lat, lon, h = geodetic_from_enu([speed * t, 0.0, 0.0], DATUM)[0]
+            found.gnss(GnssFix(t, lat, lon, h, 0.1 * np.eye(3)))
+    for k in range(450, 1800):
+        t = 0.01 * k
+        found.imu(ImuSample(t, np.array([0.0, 0.0, GRAVITY + 0.5 * (k % 2)]), EARTH + BIAS))
+        lat, lon, h = geodetic_from_enu([10.0 * (t - 4.5), 0.0, 0.0], DATUM)[0]
+        if k % 100 == 0 and found.start is None:
+            found.gnss(GnssFix(t, lat, lon, h, 0.1 * np.eye(3)))
+    assert found.start is not None
+    assert not found.start.rested
+
+
 def test_fixes_tell_of_a_rest_where_no_odometer_does():
     found = roll(0.0, 8.0)
     for k in range(800, 1400):

@@ -13,6 +13,7 @@ from track_localization.estimation import so3
 from track_localization.estimation.imu import ImuSample
 from track_localization.settings import override
 from track_localization.sim.train import scenario, simulate_train
+from train_localization import gaps
 from train_localization.alignment import start_at
 from train_localization.config import TrainConfig
 from train_localization.gaps import GAP_MPS2, GAP_RADPS
@@ -73,25 +74,84 @@ def test_what_is_measured_in_a_gap_is_refused(method):
         np.testing.assert_array_equal(after.nav, state.nav)
 
 
-@pytest.fixture(scope='module', params=[4, 12, 13])
-def gone(request):
-    """A run, and an estimator that heard no IMU for 3 s in its outage."""
-    run = simulate_train(scenario('paper'), request.param)
-    begin = run.time_s[0] + 107.0
-    pipeline, estimates = TrainPipeline(TrainConfig(), None, run.datum), []
+def test_what_is_measured_before_the_next_sample_is_used():
+    """100 Hz and a message 0.2 s ahead: no gap."""
+    filter_, state = silent(RobustFilter, 0.1)
+    assert filter_.apply(state, WheelSpeed(0.4, V, 0.01)).reason == ''
+
+
+@pytest.mark.parametrize(('rate_hz', 'epoch_s'), [(100.0, 0.1), (100.0, 0.5), (2.0, 0.1)])
+def test_a_gap_is_longer_than_a_step_and_than_the_time_between_samples(rate_hz, epoch_s):
+    gap_s, time_s, count = gaps.shortest(epoch_s), 0.0, max(round(epoch_s * rate_hz), 1)
+    for _ in range(100):
+        stamps = time_s + np.arange(1, count + 1) / rate_hz
+        gap_s = gaps.adapted(gap_s, epoch_s, stamps, time_s)
+        time_s = float(stamps[-1])
+    assert max(epoch_s, 1.0 / rate_hz) < gap_s < 3.0 * max(epoch_s, 1.0 / rate_hz, 0.1)
+
+
+def deaf(seed, begin_s, gap_s, **settings):
+    """Return run, estimator and what it told until 40 s after a gap of its IMU."""
+    run = simulate_train(scenario('paper'), seed)
+    begin = run.time_s[0] + begin_s
+    pipeline, estimates = TrainPipeline(override(TrainConfig(), settings), None, run.datum), []
     assert pipeline.set_start(*dataclasses.astuple(run.start)) is None
     for m in measurements(run):
-        if not (isinstance(m, ImuSample) and begin < m.time_s < begin + 3.0):
+        if m.time_s > begin + gap_s + 40.0:
+            break
+        if not (isinstance(m, ImuSample) and begin < m.time_s < begin + gap_s):
             estimates += pipeline.push(m)
-    return run, pipeline, estimates, begin
+    return run, pipeline, estimates
 
 
-def test_a_gap_in_an_outage_does_not_turn_the_train(gone):
-    """At its end, 40 s without fixes later, the error is not far beyond what sigma says."""
-    run, pipeline, estimates, begin = gone
-    last = max((e for e in estimates if e.time_s < begin + 42.0), key=lambda e: e.time_s)
-    true = [np.interp(last.time_s, run.time_s, run.position[:, k]) for k in range(2)]
-    error, P = last.position[:2] - true, last.covariance[:2, :2]
-    assert error @ np.linalg.solve(P, error) < 16.0
-    assert np.hypot(*error) < 60.0
+def off(run, estimate):
+    """Return the level error [m], and its NIS."""
+    true = [np.interp(estimate.time_s, run.time_s, run.position[:, k]) for k in range(2)]
+    error, P = estimate.position[:2] - true, estimate.covariance[:2, :2]
+    return float(np.hypot(*error)), float(error @ np.linalg.solve(P, error))
+
+
+@pytest.mark.parametrize('seed', [4, 12, 13])
+def test_a_gap_in_an_outage_does_not_turn_the_train(seed):
+    """40 s later the error is not far beyond what sigma says, and sigma no more than 100 m."""
+    run, pipeline, estimates = deaf(seed, 107.0, 3.0)
+    error, nis = off(run, estimates[-1])
+    assert nis < 16.0
+    assert error < 60.0
+    assert np.sqrt(np.diag(estimates[-1].covariance)[:2]).max() < 100.0
     assert pipeline.rejected['wheel']['imu_silent'] > 25
+
+
+@pytest.mark.parametrize('gap_s', [1.0, 3.8])
+@pytest.mark.parametrize('method', ['robust', 'paper', 'ins'])
+def test_fixes_put_right_what_was_unseen(method, gap_s):
+    """Right after the gap sigma tells; ten seconds later nothing is left of it."""
+    run, _, estimates = deaf(12, 30.0, gap_s, method=method)
+    after = [e for e in estimates if e.time_s > run.time_s[0] + 30.0 + gap_s]
+    assert off(run, after[1])[1] < 16.0
+    late = [off(run, e)[0] for e in after if e.time_s > after[0].time_s + 10.0]
+    assert max(late) < 5.0
+
+
+def test_after_a_long_gap_the_filter_begins_anew():
+    run, pipeline, estimates = deaf(12, 30.0, 5.0)
+    times = np.array([e.time_s for e in estimates])
+    silence = np.diff(times).max()
+    assert 5.0 < silence < 20.0
+    assert max(off(run, e)[0] for e in estimates[-100:]) < 5.0
+    assert pipeline.mode == 'BDS/SINS'
+
+
+@pytest.mark.parametrize('settings', [{'epoch_s': 0.5}, {'epoch_s': 1.0}])
+def test_late_messages_count_however_long_a_step_is(settings):
+    """Fixes and odometer 0.6 s late."""
+    run = simulate_train(scenario('paper'), 12)
+    pipeline = TrainPipeline(override(TrainConfig(), settings), None, run.datum)
+    assert pipeline.set_start(*dataclasses.astuple(run.start)) is None
+    late = sorted(
+        (m for m in measurements(run) if m.time_s < run.time_s[0] + 60.0),
+        key=lambda m: m.time_s + (0.0 if isinstance(m, ImuSample) else 0.6),
+    )
+    estimates = [e for m in late for e in pipeline.push(m)]
+    assert off(run, estimates[-1])[0] < 5.0
+    assert 'imu_silent' not in pipeline.rejected.get('wheel', {})

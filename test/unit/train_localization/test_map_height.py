@@ -14,11 +14,13 @@ from track_localization.track.centreline import Centreline
 from train_localization.config import TrainConfig
 from train_localization.pipeline import TrainPipeline
 
+UP = np.array([0.0, 0.0, 1.0])
+
 
 def heights(above_m, **settings):
     """Return error and sigma of the height with such a map, (N,) [m]."""
     run = simulate_train(scenario('paper'), 33)
-    track = dataclasses.replace(run.track, position=run.track.position + [0.0, 0.0, above_m])
+    track = dataclasses.replace(run.track, position=run.track.position + above_m * UP)
     config = override(TrainConfig(), {'method': 'robust_map', **settings})
     pipeline = TrainPipeline(config, Centreline.from_track(track), run.datum)
     assert pipeline.set_start(*dataclasses.astuple(run.start)) is None
