@@ -71,9 +71,9 @@ class GnssConfig:
     gate: float = setting(25.0, '', 'NIS above which it is refused', 1.0, 1e6)
     recover_after: int = setting(8, '', 'refused in a row: the filter is wrong', 1, 10000)
     untold_sigma_m: float = setting(1.5, 'm', 'of a fix without covariance, at HDOP 1', 0.01, 1e4)
-    ahead_m: float = setting(0.0, 'm', 'antenna ahead of the IMU', -500.0, 500.0)
-    left_m: float = setting(0.0, 'm', 'antenna to the left of the IMU', -500.0, 500.0)
-    up_m: float = setting(0.0, 'm', 'antenna above the IMU', -500.0, 500.0)
+    ahead_m: float = setting(0.0, 'm', 'antenna ahead of the IMU', -100.0, 100.0)
+    left_m: float = setting(0.0, 'm', 'antenna to the left of the IMU', -100.0, 100.0)
+    up_m: float = setting(0.0, 'm', 'antenna above the IMU', -100.0, 100.0)
 
     @property
     def lever(self) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from track_localization.cli.train.reproduce_runs import measurements
+from track_localization.cli.train.reproduce_runs import Case, figures, measurements, results
 from track_localization.estimation import so3
 from track_localization.estimation.imu import ImuSample
 from track_localization.settings import override
@@ -155,3 +155,13 @@ def test_late_messages_count_however_long_a_step_is(settings):
     estimates = [e for m in late for e in pipeline.push(m)]
     assert off(run, estimates[-1])[0] < 5.0
     assert 'imu_silent' not in pipeline.rejected.get('wheel', {})
+
+
+@pytest.mark.parametrize('seed', [4, 13])
+def test_smoothing_bridges_a_gap_in_an_outage(seed):
+    """What comes after tells of what was unseen: a few metres, and no false certainty."""
+    run = simulate_train(override(scenario('paper'), {'faults.imu_gap_s': 3.0}), seed)
+    ((_, result),) = results(run, Case('paper'), ('smoothed',))
+    (outage,) = figures(result, run)['outages']
+    assert outage['max_m'] < 5.0
+    assert figures(result, run)['outage']['nees_position_over_3'] < 9.0
