@@ -26,16 +26,16 @@ IMU_SILENT = 'imu_silent'
 
 
 def shortest(epoch_s: float) -> float:
-    """Return how long the IMU is silent in a gap [s], before anything was heard of its rate."""
+    """Return what time without samples is a gap [s], before anything was heard of their rate."""
     return max(LEAST_S, epoch_s + LATE_S)
 
 
 def adapted(gap_s: float, epoch_s: float, stamps: Array, time_s: float) -> float:
     """
-    Return how long the IMU is silent in a gap [s], as its rate shows.
+    Return what time without samples is a gap [s], after new samples.
 
     Args:
-        gap_s: the same before.
+        gap_s: the same before them [s].
         epoch_s: of a filter's step [s].
         stamps: (m,) of new samples [s].
         time_s: of the sample before them [s].

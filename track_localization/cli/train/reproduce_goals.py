@@ -67,11 +67,12 @@ def _smoothed(runs: Runs) -> Goal:
         if statistic(ROBUST, MOST) > 0.0
     ]
     text = ' / '.join(f'{ratio:.2f}' for ratio in ratios)
-    met = at_most(ratios[0], HALF) if ratios else None
+    met = at_most(float(np.max(ratios)), HALF) if ratios else None
     best, online, smoothed = '', runs.floor(ROBUST), runs.floor(SMOOTHED)
     if online.size:
         ratio = np.quantile(smoothed, (0.5, 0.95)) / np.quantile(online, (0.5, 0.95))
-        halved = np.median(smoothed, axis=1) <= HALF * np.median(online, axis=1)
+        quantiles = [np.quantile(drawn, (0.5, 0.95), axis=1) for drawn in (smoothed, online)]
+        halved = (quantiles[0] <= HALF * quantiles[1]).all(axis=0)
         best = (
             f'{ratio[0]:.2f} / {ratio[1]:.2f}; such exams that meet the goal: {halved.mean():.0%}'
         )
@@ -107,7 +108,7 @@ def _honest(runs: Runs, entry: str) -> Goal:
 
 
 def _wrong_map(runs: Runs) -> Goal:
-    """Return whether a map 3 m off makes sigma lie: root of NEES / 3 over all runs."""
+    """Return whether a map 3 m off ever makes sigma lie: root of NEES / 3, also of one outage."""
     lies = {
         where: np.sqrt(runs.mean(MAP, f'{place}.nees_position_over_3'))
         for place, where in PLACES.items()
@@ -117,8 +118,8 @@ def _wrong_map(runs: Runs) -> Goal:
     text += f'; in the worst outage {worst:.2f}; outage maximum {runs.median(MAP, MOST):.2f} / '
     text += f'{runs.p95(MAP, MOST):.2f} m'
     known = not np.isnan(list(lies.values())).any()
-    met = all(lie <= FACTOR for lie in lies.values()) if known else None
-    return Goal('map 3 m off: error over sigma, rms', '<= 2', text, met)
+    met = all(lie <= FACTOR for lie in (*lies.values(), worst)) if known else None
+    return Goal('map 3 m off: error over sigma, rms, and of the worst outage', '<= 2', text, met)
 
 
 def _fast(exam: Exam) -> Goal:

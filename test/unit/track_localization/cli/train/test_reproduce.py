@@ -110,6 +110,22 @@ def test_a_tail_misses_a_goal_too(good):
         assert goal([*bad, *runs[count:]], 'robust, no map').met is met
 
 
+def test_half_for_the_smoother_is_asked_of_the_95_percent_too():
+    """0.6 of 1.4 m at the median; six runs of 100 beyond half of 1.4 m, and four."""
+    for count, met in ((6, False), (4, True)):
+        runs = [made('paper', seed) for seed in range(100)]
+        bad = changed(runs[:count], 'paper', 'smoothed', outage__max_m__max=1.2)
+        assert goal([*bad, *runs[count:]], 'smoothed over').met is met
+
+
+@pytest.mark.parametrize(('nees', 'met'), [(4.2, False), (3.9, True)])
+def test_a_wrong_map_makes_sigma_lie_in_no_outage(nees, met):
+    """One of 50 runs; the root over all of them is 1.03."""
+    runs = [made('wrongmap', seed) for seed in range(50)]
+    bad = changed(runs[:1], 'wrongmap', 'robust_map', outage__nees_position_over_3=nees)
+    assert goal([*bad, *runs[1:]], 'map 3 m off').met is met
+
+
 def test_a_method_that_gave_nothing_counts_as_infinite(good):
     entries = {**good[0].entries, 'robust': {'runtime_s': 0.5, 'estimates': 0.0}}
     runs = [dataclasses.replace(run, entries=entries) for run in good if run.case == 'paper']
