@@ -144,6 +144,8 @@ class TrainPipeline:
         before_s = self._heard_s.get(sensor, measurement.time_s)
         self._heard_s[sensor] = measurement.time_s
         gone = sensor == IMU and measurement.time_s - before_s > gaps.AGAIN_S
+        if gone:
+            self._rejections.add(IMU, 'long_gap')
         if gone or self._stamps.gap_s > 0.0 or self._stamps.restarted:
             self._align()
             self.mode = ALIGNING

@@ -140,6 +140,7 @@ def test_after_a_long_gap_the_filter_begins_anew():
     assert 5.0 < silence < 20.0
     assert max(off(run, e)[0] for e in estimates[-100:]) < 5.0
     assert pipeline.mode == 'BDS/SINS'
+    assert pipeline.rejected['imu'] == {'long_gap': 1}
 
 
 @pytest.mark.parametrize('settings', [{'epoch_s': 0.5}, {'epoch_s': 1.0}])
